@@ -160,14 +160,16 @@ class DriveMR(DriveBase):
     ) -> None:
         """Put the device of a model file on a joint: its numbers, its named effects, and their inertia as armature.
 
-        Effects of the bench's sensors and of its calibration are no part of the device and do not act.
+        Effects of the bench's sensors and of its calibration are no part of the device and do not act. There is no
+        motor unless ``arguments`` give it gains, even where the file holds some.
 
         Args:
             path: A model.json of ``mrwarp fit`` or ``mrwarp diagnose``.
             builder: The scene.
             index: DOF of the joint.
             extrapolate: Let the coil take more current than the recordings held.
-            arguments: Further ones of ``add_actuator``, which win over the file's.
+            arguments: Further ones of ``add_actuator``, which win over the file's. A motor's ``kp_low`` is at most its
+                ``kp_base``.
 
         Raises:
             ModelFileError: the file cannot be used.
@@ -179,6 +181,8 @@ class DriveMR(DriveBase):
         if armature < 0.0:
             raise ValueError(f"{path}: its rotor_inertia leaves joint {index} an armature of {armature:g} kg·m²")
         values = model.to_params(extrapolate=extrapolate).to_dict()
+        kp = float(arguments.get("kp_base", 0.0))
+        values |= {"kp_base": kp, "kp_low": min(kp, values["kp_low"]), "kd": 0.0}
         builder.add_actuator(cls, index=index, **{**values, "effects": model.effects, **arguments})
         builder.joint_armature[index] = armature
 

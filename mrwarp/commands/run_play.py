@@ -61,8 +61,8 @@ class Play(opt.RobotOptions):
     """save a picture: five instants and time series"""
     out: opt.OptionalFolder = None
     """folder for result.json, the measured figures"""
-    num_envs: opt.Count = len(opt.CURRENTS)
-    """robots"""
+    num_envs: Annotated[int | None, opt.one(opt.count, "N")] = None
+    """robots (default: one with each current)"""
     current: opt.Currents = opt.CURRENTS
     """currents I_e [A], over equal groups of robots"""
     speed: opt.Speed = 0.5
@@ -146,16 +146,15 @@ class Play(opt.RobotOptions):
                 print(note, flush=True)
 
         from mrwarp.rl.policy import OnnxPolicy
-        from mrwarp.trials.walking import make_env
+        from mrwarp.trials.walking import devices_of, make_env
         from mrwarp.usd.asset import device_lines, taken_currents
         from mrwarp.viewing.live_view import Player, open_sink
         from mrwarp.viewing.viewer import DEFAULT_URL
 
         policy = OnnxPolicy(self.policy) if self.policy else None
         cfg = self._cfg(policy.description.get("task", {}) if policy else {})
-        env = make_env(cfg, self.num_envs, self.seed)
-        if (currents := taken_currents(env.sim.scene.actuators, self.current, opt.CURRENTS)) != self.current:
-            env = make_env(replace(cfg, currents=currents), self.num_envs, self.seed)
+        currents = taken_currents(devices_of(cfg), self.current, opt.CURRENTS)
+        env = make_env(replace(cfg, currents=currents), self.num_envs or len(currents), self.seed)
         for text in device_lines(env.sim.scene.actuators):
             print(text, flush=True)
         if policy:  # it runs on the CPU
@@ -171,7 +170,7 @@ class Play(opt.RobotOptions):
                 web_port=self.web_port,
             )
         keep = self.png is not None
-        return Player(env, actor, speed=self.speed, shown=shown(self.num_envs), sink=sink, keep=keep)
+        return Player(env, actor, speed=self.speed, shown=shown(env.num_envs), sink=sink, keep=keep)
 
     def _play(self, line: CommandLine, player: Player, web: WebViewer | None) -> int:
         from mrwarp.viewing.frames import Frames
@@ -179,7 +178,7 @@ class Play(opt.RobotOptions):
 
         cfg, agent = player.env.cfg, self.policy or f"agent {self.agent}"
         print(
-            f"{agent}: {len(player.currents)} of {self.num_envs} robots shown ({cfg.robot}, "
+            f"{agent}: {len(player.currents)} of {player.env.num_envs} robots shown ({cfg.robot}, "
             f"payload {cfg.payload:g} kg, SAL {'on' if cfg.actuator.sal else 'off'}, "
             f"{'rough' if cfg.terrain else 'flat'} ground), {self.speed:g} m/s for {self.seconds:g} s",
             flush=True,
@@ -236,7 +235,7 @@ class Play(opt.RobotOptions):
 
         actuator = chosen("actuator", "bouc_wen")
         cfg = make_walk_cfg(
-            **self.chosen("num_envs", "device", "seed", "asset", "model"),
+            **self.chosen("device", "seed", "asset", "model"),
             robot=chosen("robot", "mr_go"),
             payload=chosen("payload", 0),
             actuator_model=actuator,

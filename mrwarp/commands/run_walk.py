@@ -189,7 +189,8 @@ class Walk(EnergyOptions):
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
         from mrwarp.trials import energy_report, walk_pictures
         from mrwarp.trials.walk_trials import WalkCfg, walk
-        from mrwarp.trials.walking import device_notes
+        from mrwarp.trials.walking import device_notes, task_devices
+        from mrwarp.usd.asset import most_current
 
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
         cfg = WalkCfg(
@@ -204,6 +205,7 @@ class Walk(EnergyOptions):
             raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
         for text in device_notes(cfg.env, self.current):
             print(text, flush=True)
+        cfg = replace(cfg, current=min(self.current, most_current(task_devices(cfg.env))))
         started, progress = time.perf_counter(), ProgressLine(sys.stdout)
         try:
             results = walk(cfg, policies, progress)
@@ -212,7 +214,7 @@ class Walk(EnergyOptions):
             progress.done()
         if self.calibrate:
             write_numbers(self.out / "numbers.json", groups)
-        figures |= {"distance": self.distance, "wall_seconds": time.perf_counter() - started}
+        figures |= {"distance": self.distance, "current": cfg.current, "wall_seconds": time.perf_counter() - started}
         write_result(self.out, figures, seed=self.seed, command=str(line))
         walk_pictures.cost(figures["conditions"], self.out / "cot.png")
         walk_pictures.holding(results, self.out / "holding.png")
@@ -228,6 +230,7 @@ class Walk(EnergyOptions):
         from mrwarp.rl.policy import OnnxPolicy
         from mrwarp.rl.policy_file import check_robot
         from mrwarp.trials import own_robot
+        from mrwarp.trials.walking import limit_note
         from mrwarp.usd.asset import device_lines, load_robot
 
         assert self.policy is not None  # checked
@@ -236,7 +239,7 @@ class Walk(EnergyOptions):
         devices = [a for a in load_robot(robot=file).actuators if a.mr is not None]
         policy, by = OnnxPolicy(self.policy), scales_of(file)
         electrical = read_numbers(self.numbers, self.set)["electrical"]
-        for text in (*device_lines(devices), own_robot.assumption(by)):
+        for text in (*device_lines(devices), *limit_note(devices, self.current), own_robot.assumption(by)):
             print(text, flush=True)
         task = replace(self.env_cfg(), robot=file)
         rows, progress, loads = [], ProgressLine(sys.stdout), self.payload or (0.0,)
@@ -246,7 +249,7 @@ class Walk(EnergyOptions):
                     task,
                     policy,
                     **self.chosen("trials", "distance", "seed"),
-                    currents=[self.current * share / 3.0 for share in range(4)],
+                    currents=own_robot.currents_of(devices, self.current),
                     speeds=self.speed or [round(speed * by.speed, 3) for speed in (0.3, 0.5)],
                     payload=load,
                     cfg=electrical,
@@ -331,7 +334,8 @@ class Mission(EnergyOptions):
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
         from mrwarp.trials import energy_report, walk_pictures
         from mrwarp.trials.mission import MissionCfg
-        from mrwarp.trials.walking import device_notes
+        from mrwarp.trials.walking import device_notes, task_devices
+        from mrwarp.usd.asset import most_current
 
         started, progress = time.perf_counter(), ProgressLine(sys.stdout)
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
@@ -339,6 +343,7 @@ class Mission(EnergyOptions):
         cfg = MissionCfg(
             **same, seeds=self.trials, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg()
         )
+        cfg = replace(cfg, current=min(self.current, most_current(task_devices(cfg.env))))
         of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
         if self.thermal:
             return self._thermal(line, cfg, self._thermal_policies(policies), groups, progress)
@@ -351,7 +356,7 @@ class Mission(EnergyOptions):
             raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
         for text in device_notes(cfg.env, self.current):
             print(text, flush=True)
-        task = {**self.chosen(*TASK, "feedback"), "seeds": self.trials, "of_paper": of_paper}
+        task = {**self.chosen(*TASK, "feedback"), "seeds": self.trials, "of_paper": of_paper, "current": cfg.current}
         try:
             traces, figures = energy_report.mission_figures_of(
                 cfg, policies, groups, progress, of_paper=of_paper, calibrated=self.calibrate

@@ -22,7 +22,7 @@ from mjlab.utils.spec import create_motor_actuator  # pyright: ignore[reportMiss
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
 from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.kernels.mr_stages import drive_torque_kernel
 from mrwarp.model_file import Effect, load_model
 from mrwarp.params import MrParams
@@ -63,6 +63,8 @@ class MrJointActuatorCfg(ActuatorCfg):
     """Whether gates switch the current (eqs. 5, 8); they need ``foot_load``. Else the coil gets ``current``."""
     coupling: Coupling = Coupling.CONSTRAINT
     """``constraint``: the device is a dry friction of the solver, which sticks; ``explicit``: it is a torque."""
+    z_step: ZStep = ZStep.EXACT
+    """Step of the hysteresis state."""
     extrapolate: bool = False
     """Let the coil take more current than the recordings of ``model`` held."""
 
@@ -135,7 +137,7 @@ class MrJointActuator(Actuator[MrJointActuatorCfg]):
             for name in ("q_des", "q", "qd", "f_foot", "friction")
         }
         self._inputs = ActuatorInputs(current_e=wp.zeros(count, dtype=float, device=device), **columns)
-        cfg = MrActuatorCfg(coupling=self.cfg.coupling, gated=self.cfg.gated)
+        cfg = MrActuatorCfg(coupling=self.cfg.coupling, z_step=self.cfg.z_step, gated=self.cfg.gated)
         self._joints = MrActuator([self.cfg.device()], [0], self._inputs, dt=dt, cfg=cfg, share_params=False)
         bound, tau, qd_des, effort = (wp.zeros(count, dtype=float, device=device) for _ in range(4))
         self._torque_arrays = qd_des, effort, bound, tau

@@ -35,7 +35,7 @@ SHOWN = {
 MOST = 6
 """Most figures that are shown when none are named."""
 
-NOT_FIGURES = ("schema", "seed", "versions", "command", "task")
+NOT_FIGURES = ("schema", "seed", "versions", "command", "task", "current")
 """Parts of a result that are no measurements."""
 
 TrialRow = dict[str, Any]
@@ -58,12 +58,16 @@ def report(trials: Sequence[Trial], figures: Sequence[str], out: Path, command: 
 
 
 def read_row(trial: Trial) -> TrialRow:
-    """A trial as its folder has it."""
-    status, figures = read_status(trial), {}
+    """A trial as its folder has it; a current that the devices limited is named with what flowed."""
+    status, figures, name, values = read_status(trial), {}, trial.folder.name, trial.values
     if status.state in FINISHED:
         content = json.loads((trial.folder / "result.json").read_text(encoding="utf-8"))
         figures = dict(_numbers({key: value for key, value in content.items() if key not in NOT_FIGURES}))
-    return {"name": trial.folder.name, "values": trial.values, **asdict(status), "figures": figures}
+        flowed = content.get("current")
+        if "current" in values and isinstance(flowed, int | float) and float(values["current"]) != flowed:
+            limited = f" ({flowed:g} A flowed)"
+            name, values = name + limited, {**values, "current": values["current"] + limited}
+    return {"name": name, "values": values, **asdict(status), "figures": figures}
 
 
 def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, float]]:

@@ -14,7 +14,7 @@ from mrwarp.runtime import text_table
 from mrwarp.trials import mission, walk_figures
 from mrwarp.trials.mission import MissionCfg, MissionTrace
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, robot_env, standing_load
-from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
+from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, lost_lines
 
 
 def can_calibrate(cfg: WalkCfg) -> bool:
@@ -39,8 +39,10 @@ def walk_figures_of(
     def standing(robot: str, hold: bool = False) -> JointLoad:
         return standing_load(robot_env(cfg.env, robot, PAYLOAD_VARIANT), load=load, hold=hold)[0]
 
-    found: dict[str, Any] = {"consistency": consistency.check()}
-    rows = walk_figures.calibration_rows(results, standing("go1")) if "go1" in cfg.robots else []
+    of_paper = all(result.paper_device for result in results)
+    found: dict[str, Any] = {"consistency": consistency.check()} if of_paper else {}
+    own_rows = "go1" in cfg.robots and (of_paper or calibrated)
+    rows = walk_figures.calibration_rows(results, standing("go1")) if own_rows else []
     complete = can_calibrate(cfg) and len(rows) == 5
     if calibrated and not complete:
         raise ValueError("--calibrate: Go1 did not arrive in all four conditions; name another --policy-go1")
@@ -65,7 +67,8 @@ def walk_figures_of(
         saving = powers["go1"] - powers["mr_go_holding"]
         found["standing"] = {**powers, "saving": saving, "load": load, "calibrated": {"go1": own, "others": False}}
         found["savings"] = [asdict(s) for s in walk_figures.savings(results, electrical, saving)]
-        found["paper_bounds"] = {source: consistency.paper_bounds(source) for source in ("hardware", "simulation")}
+        if of_paper:
+            found["paper_bounds"] = {source: consistency.paper_bounds(source) for source in ("hardware", "simulation")}
         if complete:
             found["sensitivity"] = walk_figures.sensitivity(results, rows, electrical)
     return found
@@ -76,19 +79,22 @@ def walk_lines(figures: dict[str, Any]) -> list[str]:
     rows = []
     for row in figures["conditions"]:
         reference, held, activation = row["paper"], row["hold_mean"], row["paper_hold_mean"]
+        ours = ("", "", "") if not row["trials"] else (
+            f"{row['speed']['mean']:.3f}", f"{row['power']['mean']:.1f} W",
+            f"{row['cot']['mean']:.3f} ± {row['cot']['sd']:.3f}",
+        )  # fmt: skip
         notes = ["calibrated"] * row["calibrated"] + [f"{why} {row[why]}" for why in ("fell", "late") if row[why]]
         rows.append((
-            paper.NAMES[row["robot"]], f"{row['payload']:g}", f"{row['command']:g}", f"{row['speed']['mean']:.3f}",
-            f"{row['power']['mean']:.1f} W", f"{row['cot']['mean']:.3f} ± {row['cot']['sd']:.3f}",
+            paper.NAMES[row["robot"]], f"{row['payload']:g}", f"{row['command']:g}", *ours,
             f"{reference['cot']:.3f} ± {reference['sd']:.3f}" if reference else "",
-            f"{row['difference']['relative']:+.1%}" if reference else "",
-            "" if held is None else f"{held['mean']:.1%}",
+            f"{row['difference']['relative']:+.1%}" if reference and row["trials"] else "",
+            "" if held is None or not row["trials"] else f"{held['mean']:.1%}",
             "" if activation is None else f"{activation['simulation']:.1%}", "  ".join(notes),
         ))  # fmt: skip
     head = ("robot", "load", "cmd", "speed", "power", "COT", "paper", "diff", "held", "paper", "")
     if not any(row["paper"] for row in figures["conditions"]):  # another device than the paper's
         head, *rows = ([*row[:6], row[8], row[10]] for row in (head, *rows))
-    lines = text_table(head, rows)
+    lines = [*text_table(head, rows), *lost_lines(figures["conditions"], WalkCfg().patience)]
     if fit := figures.get("calibration"):
         bounds = "".join(f"; {name} stands at the end of its range" for name in fit["at_bound"])
         lines.append(f"\nGo1 alone gives: {fit['text']}; its five rows to {fit['rmse']:.1f} W (RMS){bounds}")

@@ -11,12 +11,14 @@ import numpy as np
 
 from mrwarp import paper
 from mrwarp.actuator.mr_actuator import Coupling
+from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.kernels import ledger
 from mrwarp.model_file import Model
 from mrwarp.runtime import panels
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, body_extremes, fixed_current_env
 from mrwarp.trials.statistics import half_width, spread
-from mrwarp.trials.walking import Policy
+from mrwarp.trials.walking import Policy, task_devices
+from mrwarp.usd.asset import most_current
 from mrwarp.usd.robot import CURRENT_GROUPS
 
 MOTOR_WINDOW = 0.1
@@ -136,7 +138,7 @@ def impact_change(
     after: Model,
     policy: Policy,
     *,
-    currents: Sequence[float] = CURRENT_GROUPS,
+    currents: Sequence[float] | None = None,
     trials: int = 100,
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
@@ -149,7 +151,7 @@ def impact_change(
         before: Model of the first sweep; None: the joints of the robot's asset.
         after: Model of the second.
         policy: Walking policy.
-        currents: Currents I_e [A].
+        currents: Currents I_e [A]; None: those of eq. 20 that both devices take, and the most that they take.
         trials: Trials at each current, at random gait phases.
         seed: Seed of poses and gait phases.
         progress: Told what is being done.
@@ -163,6 +165,9 @@ def impact_change(
         ModelFileError: a model cannot be used in the robot.
     """
     started = time.perf_counter()
+    if currents is None:
+        most = min(most_current(task_devices(make_walk_cfg(model=model))) for model in (before, after))
+        currents = tuple(dict.fromkeys(min(current, most) for current in CURRENT_GROUPS))
     found: list[dict[str, np.ndarray]] = []
     for model, words in ((before, "before"), (after, "after")):
         progress(f"impact sweep {words}")

@@ -16,7 +16,9 @@ from mrwarp.env.natural_units import Scales
 from mrwarp.runtime import panels, text_table
 from mrwarp.trials.power_meter import MotionMeter, PowerMeter
 from mrwarp.trials.statistics import spread
-from mrwarp.trials.walking import Policy, make_env, same_starts
+from mrwarp.trials.walking import Policy, lost_lines, make_env, same_starts
+from mrwarp.usd.asset import JointActuator, most_current
+from mrwarp.usd.robot import CURRENT_SHARES
 
 PATIENCE, WARMUP = 2.0, 2.0
 """A trial fails when it takes this many times ``distance/speed``; walking before it is measured [s]."""
@@ -50,6 +52,11 @@ def assumption(by: Scales) -> str:
         "assumed: motors as good as Go1's, whose energy model was calibrated: a motor loses at its torque limit "
         f"what Go1's does there, powers x {by.power:.3g}, torques of the drives' friction x {by.torque:.3g}"
     )
+
+
+def currents_of(devices: Sequence[JointActuator], current: float) -> list[float]:
+    """None, a third, two thirds and all of what the devices take of a current [A]."""
+    return [share * min(current, most_current(devices)) for share in CURRENT_SHARES]
 
 
 @torch.no_grad()
@@ -171,7 +178,8 @@ def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
             "" if row["hold"] is None or not row["trials"] else f"{row['hold']['mean']:.1%}",
             "  ".join(f"{why} {row[why]}" for why in ("fell", "late") if row[why]),
         ))  # fmt: skip
-    return text_table(("load", "cmd", "current", "COT", "power", "speed", "COT by SAL", "held", ""), cells)
+    head = ("load", "cmd", "current", "COT", "power", "speed", "COT by SAL", "held", "")
+    return [*text_table(head, cells), *lost_lines(rows, PATIENCE)]
 
 
 def picture(rows: Sequence[dict[str, Any]], path: Path, title: str) -> None:

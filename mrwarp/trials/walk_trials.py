@@ -19,7 +19,16 @@ from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
 from mrwarp.trials.power_meter import GaitTrace, MotionMeter, PowerMeter, TraceRecorder
-from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, act, foreign_device, make_env, same_starts, set_payload
+from mrwarp.trials.walking import (
+    PAYLOAD_VARIANT,
+    Policy,
+    act,
+    foreign_device,
+    make_env,
+    same_starts,
+    set_payload,
+    task_devices,
+)
 from mrwarp.usd.robot import CALF_COLUMNS
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
@@ -123,7 +132,7 @@ class WalkResult:
     trace: GaitTrace
     """Two strides of the front-right calf at 200 Hz."""
     paper_device: bool = True
-    """Whether the robot's devices, if it has any, are the paper's: only then the paper's figures stand beside these."""
+    """Whether the task's devices are the paper's: only then the paper's figures stand next to these, Go1's too."""
 
     @property
     def speed(self) -> np.ndarray:
@@ -186,7 +195,7 @@ class WalkBatch:
         self.env = env = make_env(env_cfg, count, cfg.seed)
         if payload != variant:
             set_payload(env, np.full(count, payload))
-        self.paper_device = not foreign_device(env.sim.scene.actuators)
+        self.paper_device = not foreign_device(task_devices(cfg.env))
         self.mass = float(env.sim.scene.model.body_mass.sum()) - variant + payload
         sal = [robot == "mr_go_sal" for robot, _ in self.conditions]
         self._per_env(env.current_e, [cfg.current if on else 0.0 for on in sal])
@@ -279,7 +288,8 @@ def standing_load(
     Returns:
         The mean joint load, shapes (J,) and (M,), and ``height`` [m], ``hold`` share, ``drift`` of the calves [rad].
     """
-    env = make_env(replace(cfg, currents=(cfg.currents[-1],)), 1, 0)
+    env = make_env(cfg, 1, 0)
+    env.current_e.fill_(env.currents[-1])
     set_payload(env, np.array([load]))
     if derate is not None:
         derate(env)

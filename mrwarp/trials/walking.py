@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
+from mrwarp.params import MrParams
 from mrwarp.usd.asset import JointActuator, device_lines, load_robot, with_model
 from mrwarp.usd.robot import CALF_COLUMNS, DEFAULT_POSE
 
@@ -117,26 +118,77 @@ class GateCheck:
 
 def task_devices(cfg: EnvCfg) -> tuple[JointActuator, ...]:
     """The joints of the task's MR_Go that carry a device, read from its files alone: no engine is loaded."""
-    asset = load_robot(cfg.asset, robot="mr_go")
+    return devices_of(replace(cfg, robot="mr_go"))
+
+
+def devices_of(cfg: EnvCfg) -> tuple[JointActuator, ...]:
+    """The joints of the task's robot that carry a device, likewise."""
+    asset = load_robot(cfg.asset, robot=cfg.robot)
     if cfg.model is not None:
         asset = with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
     return tuple(actuator for actuator in asset.actuators if actuator.mr is not None)
 
 
 def foreign_device(actuators: Sequence[JointActuator]) -> str:
-    """What tells a robot's devices from the paper's, as a line for the user; empty if they are the paper's.
+    """How a robot's devices differ most from the paper's, as a line for the user; empty if they are the paper's.
 
     Figures of another device are set beside nothing of the paper.
     """
     for joint in actuators:
         if joint.mr is None or joint.is_paper_device:
             continue
-        values, groups = joint.mr.to_dict(), ("BoucWenParams", "HoldParams", "CoilParams")
-        other = [spec for spec in joint.mr.specs() if spec.group in groups and values[spec.name] != spec.default]
-        why = [f"{s.name} {values[s.name]:.4g}, not {s.default:.4g}" for s in other if s.name != "q_neutral"]
-        why += ["its effects"] if joint.effects else ["a model that cannot be read"] if joint.lost else []
-        return f"note: {joint.joint} is not the paper's device ({why[0]}): the paper's figures are left out"
+        why = ["its effects"] if joint.effects else ["a model that cannot be read"] if joint.lost else []
+        why = largest_difference(joint.mr, MrParams()) or why[0]
+        return f"note: {joint.joint} is not the paper's device ({why}): the paper's figures are left out"
     return ""
+
+
+COMPARED_AT = (1.0, 0.3)
+"""Speed [rad/s] and displacement [rad] at which the torques of two devices are compared: about those of a stance."""
+
+
+def largest_difference(ours: MrParams, theirs: MrParams) -> str:
+    """The number of the device whose difference changes the torque most, such as ``K1 985 instead of 10.4``.
+
+    Each number of ours alone takes its place in theirs, at the largest current that either takes; beta and gamma
+    together, for their sum bounds the hysteresis. Numbers that change no torque come last, by their ratio. Empty where
+    none differs.
+    """
+    groups = ("BoucWenParams", "HoldParams", "CoilParams")
+    own, other = ours.to_dict(), theirs.to_dict()
+    names = [s.name for s in theirs.specs() if s.group in groups and s.name != "q_neutral"]
+    current = max(ours.coil.current_max, theirs.coil.current_max)
+    sliding, holding = torques_at(theirs, current)
+
+    def felt(name: str) -> tuple[float, float]:
+        together = ("beta", "gamma") if name in ("beta", "gamma") else (name,)
+        changed = torques_at(theirs.replace(**{n: own[n] for n in together}), current)
+        ratio = abs(own[name] - other[name]) / (abs(own[name]) + abs(other[name]))
+        return max(abs(changed[0] - sliding), abs(changed[1] - holding)), ratio
+
+    differing = [name for name in names if own[name] != other[name]]
+    if not differing:
+        return ""
+    name = max(differing, key=felt)
+    digits = next(n for n in range(3, 18) if f"{own[name]:.{n}g}" != f"{other[name]:.{n}g}")
+    return f"{name} {own[name]:.{digits}g} instead of {other[name]:.{digits}g}"
+
+
+def torques_at(mr: MrParams, current: float) -> tuple[float, float]:
+    """Torque [N·m] of steady sliding at :data:`COMPARED_AT` and of the yield, with a current that the coil cuts."""
+    speed, angle = COMPARED_AT
+    p, current = mr.bouc_wen, min(current, mr.coil.current_max)
+    loop = (p.K0 + p.K1 * current) * p.z_bound / (1.0 + p.alpha * speed)
+    elastic = p.C * (angle - p.q_offset - p.q_center)
+    return p.D + p.B * speed + elastic + p.I1 * current + loop, mr.hold.yield_torque(current)
+
+
+def limit_note(devices: Sequence[JointActuator], current: float) -> Iterator[str]:
+    """A line where devices take less than a current [A]."""
+    limits = sorted({a.mr.coil.current_max for a in devices if a.mr is not None})
+    if limits and limits[0] < current:
+        own = " or ".join(f"{limit:g}" for limit in limits if limit < current)
+        yield f"note: the devices take 0 to {own} A; of {current:g} A they use that much"
 
 
 def device_notes(cfg: EnvCfg, current: float) -> Iterator[str]:
@@ -146,11 +198,19 @@ def device_notes(cfg: EnvCfg, current: float) -> Iterator[str]:
     """
     devices = task_devices(cfg)
     yield from device_lines(devices)
-    most = min((a.mr.coil.current_max for a in devices if a.mr is not None), default=current)
-    if current > most:
-        yield f"note: the devices take 0 to {most:g} A; of {current:g} A they use that much"
+    yield from limit_note(devices, current)
     if note := foreign_device(devices):
         yield note
+
+
+def lost_lines(rows: Sequence[Mapping[str, Any]], patience: float) -> list[str]:
+    """Explains ``fell`` and ``late`` under a table whose ``rows`` count them; nothing where no trial was lost."""
+    said = {
+        "fell": "fell: trials in which the robot fell",
+        "late": f"late: trials that had not covered the distance after {patience:g} times distance over command",
+    }
+    lost = [text for name, text in said.items() if any(row[name] for row in rows)]
+    return [f"{'; '.join(lost)}. They are in no mean."] if lost else []
 
 
 def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:

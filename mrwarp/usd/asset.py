@@ -18,7 +18,7 @@ from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import LAW, PD, is_mr, plain, read_model, read_number, read_parameters
-from mrwarp.usd.robot import MR_GO, Layout
+from mrwarp.usd.robot import CURRENT_GROUPS, CURRENT_SHARES, MR_GO, Layout
 from mrwarp.usd.robot_layout import read_layout
 
 ROBOT_SUFFIXES = (".usda", ".usdc", ".usd")
@@ -142,6 +142,22 @@ def _weigh(stage: Usd.Stage, file: Path, mass: float, trunk: str | None) -> None
     own.Set(mass)
 
 
+def most_current(actuators: Sequence[JointActuator]) -> float:
+    """Largest current that a device takes [A]; infinite without devices."""
+    return max((a.mr.coil.current_max for a in actuators if a.mr), default=math.inf)
+
+
+def group_currents(actuators: Sequence[JointActuator]) -> tuple[float, ...]:
+    """Currents of the groups of eq. 20 [A], which differ whatever a device takes: shares of its largest.
+
+    Without a device, or with broken wires alone, the paper's.
+    """
+    most = most_current(actuators)
+    if not 0.0 < most < math.inf or most == CURRENT_GROUPS[-1]:
+        return CURRENT_GROUPS
+    return tuple(share * most for share in CURRENT_SHARES)
+
+
 def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]) -> None:
     """Refuse currents that the coils' controllers would cut down to their own maximum.
 
@@ -163,17 +179,18 @@ def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]
 def taken_currents(
     actuators: Sequence[JointActuator], currents: Sequence[float], default: Sequence[float]
 ) -> tuple[float, ...]:
-    """The currents to use: those of a command's ``default`` end at the largest that the coils take.
+    """The currents to use, each once: those of a command's ``default`` end at the largest that the coils take.
 
     Raises:
         AssetError: others are larger than that, see :func:`check_currents`.
     """
     most = min((a.mr.coil.current_max for a in actuators if a.mr and a.mr.coil.current_max > 0.0), default=math.inf)
-    if tuple(currents) == tuple(default) and max(currents) > most:
+    currents = tuple(dict.fromkeys(currents))
+    if currents == tuple(default) and max(currents) > most:
         currents = tuple(dict.fromkeys(min(current, most) for current in currents))
         print(f"note: the devices take at most {most:g} A, and get {', '.join(f'{i:g}' for i in currents)} A")
     check_currents(actuators, currents)
-    return tuple(currents)
+    return currents
 
 
 def load_bench(path: str | Path | None = None) -> RobotAsset:

@@ -107,6 +107,8 @@ PUBLIC_GAINS = (20.0, 0.5)
 """Kp [N·m/rad] and Kd [N·m·s/rad] of public policies for such robots trained in Isaac Gym: walk-these-ways (Go1),
 legged_gym (A1). The asset's are stiffer, see ``assets/usd``."""
 
+CURRENT_SHARES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""The groups of eq. 20 as shares of the largest current that a device takes."""
 CURRENT_GROUPS = (0.0, 0.5, 1.0, 1.5)
 """Fixed currents I_e over the environments [A], eq. 20."""
 

@@ -1,5 +1,8 @@
 """MrActuator: independence of environments, masked reset, resume, capture, couplings and parameters."""
 
+import warnings
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -9,7 +12,8 @@ from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
 from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.params import MrParams
-from tests.actuator.actuator_bench import CALVES, Bench, assert_bit_equal, f32, make_joints, random_inputs, rows
+from mrwarp.runtime import DeviceWarning
+from tests.actuator.actuator_bench import CALVES, DT, Bench, assert_bit_equal, f32, make_joints, random_inputs, rows
 
 CFGS = [
     MrActuatorCfg(coupling=coupling, hold_current=hold, z_step=z_step)
@@ -240,3 +244,37 @@ def test_a_broken_wire_carries_no_current_and_never_holds(cfg: MrActuatorCfg):
         np.testing.assert_array_equal(got["tau_dyn"][:, 0], whole.actuator.tau_dyn.numpy()[:, 0])
         drag = max(drag, np.abs(got["tau_dyn"][:, 1]).max())
     assert drag > 0.1
+
+
+def test_the_euler_step_says_where_it_overshoots() -> None:
+    """(beta - gamma)*|qd|*dt = 1 at 7.4 rad/s; not the exact step, nor a device that no joint is fast enough for."""
+    with pytest.warns(DeviceWarning, match=r"overshoots above 7\.4 rad/s.*--z-step exact"):
+        Bench(1, MrActuatorCfg(z_step=ZStep.EULER))
+    slow = [replace(j, mr=j.mr.replace(beta=6.0, gamma=0.0)) if j.mr else j for j in make_joints()]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Bench(1).actuator.cfg.z_step is ZStep.EXACT
+        Bench(1, MrActuatorCfg(z_step=ZStep.EULER), joints=slow)
+
+
+def brake(z_step: ZStep) -> np.ndarray:
+    """Torque of a stiff brake that slides at 4.1 N·m along a sine of 0.5 rad and 1 Hz [N·m], shape (T,)."""
+    stiff = {"D": 0.0, "C": 0.0, "I1": 0.0, "B": 0.05, "alpha": 0.0, "beta": 200.0, "gamma": -50.0}
+    mr = MrParams().replace(**stiff, K0=0.0, K1=4.1 * 150.0)
+    bench = Bench(1, MrActuatorCfg(coupling=Coupling.EXPLICIT, z_step=z_step, gated=False),
+                  joints=[replace(j, mr=mr) if j.mr else j for j in make_joints()])  # fmt: skip
+    found = []
+    for k in range(400):
+        phase = 2.0 * np.pi * DT * k
+        bench.step(q=0.5 * np.sin(phase), qd=np.pi * np.cos(phase), current_e=1.0)
+        found.append(np.abs(bench.actuator.tau_dyn.numpy()).max())
+    return np.array(found)
+
+
+def test_a_stiff_brake_bears_what_it_slides_with() -> None:
+    """4.1 N·m and 0.05*pi of viscosity; with the paper's step a third more, beta*|qd|*dt being pi."""
+    exact = brake(MrActuatorCfg().z_step)
+    assert exact.max() == pytest.approx(4.1 + 0.05 * np.pi, rel=1e-3)
+    with pytest.warns(DeviceWarning):
+        euler = brake(ZStep.EULER)
+    assert euler.max() > 1.2 * exact.max()

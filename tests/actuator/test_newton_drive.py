@@ -432,7 +432,8 @@ def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:
 def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path: Path) -> None:
     """All effects of a model file, 150 steps through a masked reset: effort and bound are those of MrActuator."""
     effects = tuple(effect(name) for name in MECHANISMS)
-    model = fitted_scene(model_file(tmp_path / "model.json", effects, K1=7.5), NUM, coupling=coupling)
+    motor = {name: value for name, value in MrParams() if name in ("kp_base", "kd")}
+    model = fitted_scene(model_file(tmp_path / "model.json", effects, K1=7.5), NUM, coupling=coupling, **motor)
     rig = Rig(model)
     other = reference(model, MrActuatorCfg(coupling=coupling), {"K1": np.full(NUM, 7.5)}, effects)
     inputs, mask = trajectory(5, 150), wp.array([True, False, True, False, False], dtype=wp.bool, device="cpu")
@@ -502,3 +503,44 @@ def test_the_documented_scene_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     exec(compile(fitted_code.replace("finalize()", "finalize(device='cpu')"), "docs/drive.md", "exec"), names)
     (actuator,) = names["model"].actuators
     assert "memory" in vars(actuator.state().drive_state)
+
+
+def test_a_fitted_device_brings_no_motor(tmp_path: Path) -> None:
+    """A pendulum whose device bears nothing swings as the closed form says: from level to level on the other side.
+
+    The file holds a motor's gains, as an exported joint's does. Gains that are asked for are there.
+    """
+    nothing = dict.fromkeys(("D", "B", "C", "I1", "K0"), 0.0)
+    path = model_file(tmp_path / "model.json", (), **nothing, kp_base=35.0, kd=0.6)
+    builder = newton.ModelBuilder()
+    arm = builder.add_link(mass=2.0, inertia=wp.mat33(np.eye(3) * 0.02))
+    away = wp.transform((-0.2, 0.0, 0.0), wp.quat_identity())  # of the joint, from the centre of mass
+    joint = builder.add_joint_revolute(parent=-1, child=arm, axis=(0.0, 1.0, 0.0), child_xform=away)
+    builder.add_articulation([joint])
+    DriveMR.from_model(path, builder, index=builder.joint_qd_start[joint])
+    model = builder.finalize(device="cpu")
+    solver, (actuator,) = newton.solvers.SolverMuJoCo(model), model.actuators
+    state, after, control = model.state(), model.state(), model.control()
+    now, then = actuator.state(), actuator.state()
+    control.mr_foot_load = None
+    dt, angles, speeds = 0.002, [], []
+    for _ in range(600):
+        control.joint_f.zero_()
+        actuator.step(state, control, now, then, dt=dt)
+        now, then = then, now
+        assert control.joint_f.numpy()[0] == 0.0
+        solver.step(state, after, control, None, dt)
+        state, after = after, state
+        angles.append(abs(state.joint_q.numpy()[0]))
+        speeds.append(abs(state.joint_qd.numpy()[0]))
+    fastest = np.sqrt(2.0 * 2.0 * 9.81 * 0.2 / (0.02 + 2.0 * 0.2**2))  # m*g*l = (I + m*l^2)*w^2/2
+    np.testing.assert_allclose(max(speeds), fastest, rtol=0.01)  # a step of the semi-implicit Euler is w*dt = 0.5 %
+    np.testing.assert_allclose(max(angles), np.pi, rtol=0.01)
+
+    asked = newton.ModelBuilder()
+    joint = asked.add_joint_revolute(parent=-1, child=asked.add_link(mass=1.0, inertia=wp.mat33(np.eye(3))))
+    asked.add_articulation([joint])
+    DriveMR.from_model(path, asked, index=asked.joint_qd_start[joint], kp_base=20.0, kd=0.5)
+    (actuator,) = asked.finalize(device="cpu").actuators
+    gains = [float(actuator.drive.param(name).numpy()[0]) for name in ("kp_base", "kp_low", "kd")]
+    assert gains == [20.0, 5.0, 0.5]

@@ -35,6 +35,21 @@ def test_figures_are_the_numbers_of_a_result(tmp_path: Path) -> None:
     assert compare.read_row(trial)["figures"] == {"a.b.0": 1.0, "a.b.1.c": 2.5, "ok": 1.0}
 
 
+def test_a_limited_current_is_named_with_what_flowed(tmp_path: Path) -> None:
+    """Trials at 1 and 1.5 A of devices that take 0.8 A: no two rows that say the same, or what did not flow."""
+    rows = []
+    for asked in ("0.5", "1", "1.5"):
+        trial = Trial(folder=tmp_path / f"current={asked}", values={"current": asked}, args=["walk"])
+        trial.folder.mkdir()
+        content = {"current": min(float(asked), 0.8), "a": 2.0}
+        (trial.folder / "result.json").write_text(json.dumps(content))
+        write_status(trial, Status(state="done"))
+        rows.append(compare.read_row(trial))
+    names = ["current=0.5", "current=1 (0.8 A flowed)", "current=1.5 (0.8 A flowed)"]
+    assert [row["name"] for row in rows] == [compare.condition(row) for row in rows] == names
+    assert rows[0]["figures"] == {"a": 2.0}
+
+
 def test_means_over_seeds_leave_out_failed_trials() -> None:
     """Two seeds at 0 A: 2 ± sqrt(2); one at 1.5 A has no spread."""
     first, second = compare.summary(ROWS, ["a"])

@@ -8,9 +8,13 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit, save_model
 from mrwarp.params import MrParams
-from mrwarp.trials.walking import device_notes, foreign_device, task_devices
+from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.trials import energy_report, own_robot
+from mrwarp.trials.walking import device_notes, foreign_device, largest_difference, limit_note, task_devices
+from mrwarp.usd.asset import group_currents
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +35,18 @@ def test_the_shipped_robot_has_the_papers_device() -> None:
     assert len(devices) == 4 and foreign_device(devices) == "" and not list(device_notes(make_walk_cfg(), 1.5))
     assert devices[1].mr is not None
     other = replace(devices[1], mr=devices[1].mr.replace(T_max=9.0))
-    assert "FR_calf is not the paper's device (T_max 9, not 26.6)" in foreign_device([devices[0], other])
+    assert "FR_calf is not the paper's device (T_max 9 instead of 26.6)" in foreign_device([devices[0], other])
+
+
+def test_the_note_names_what_changes_the_torque_most() -> None:
+    """Not the first number that differs, nor two that print alike: a rounded q_offset beside a hundred times K1."""
+    paper = MrParams()
+    stiff = paper.replace(q_offset=2.396e-4, K1=985.0, beta=1500.0, gamma=-900.0)
+    assert largest_difference(stiff, paper) == "K1 985 instead of 10.4"
+    assert largest_difference(paper.replace(q_offset=2.396e-4), paper) == "q_offset 0.0002396 instead of 0.00023964"
+    assert largest_difference(paper.replace(D=0.3, I1=2.0), paper) == "I1 2 instead of -0.000768"
+    assert largest_difference(paper.replace(coil_resistance=30.0), paper) == "coil_resistance 30 instead of 4"
+    assert largest_difference(paper.replace(q_neutral=0.0), paper) == ""
 
 
 def test_effects_make_another_device(small_brake: Path) -> None:
@@ -55,7 +70,9 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
     assert main(["walk", "--model", str(small_brake), *options, *robots, "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr().out
     assert "holding was not measured" in shown and "of 1.5 A they use that much" in shown
-    assert "is not the paper's device (K0 0.1, not 0.3993): the paper's figures are left out" in shown
+    assert (
+        "is not the paper's device (T_max " in shown and "instead of 26.6): the paper's figures are left out" in shown
+    )
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     for row in result["conditions"]:
         assert row["paper"] is None and row["difference"] is None and row["paper_hold_mean"] is None
@@ -66,10 +83,12 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
 def test_currents_end_at_what_the_device_takes(
     small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By default, and that is told; a current that was typed is refused."""
+    """By default, a robot with each, and that is told; a current that was typed is refused."""
     line = ["play", "--agent", "zero", "--model", str(small_brake), "--seconds", "1", "--out", str(tmp_path / "out")]
     assert main(line) == 0
-    assert "take at most 1 A, and get 0, 0.5, 1 A" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "take at most 1 A, and get 0, 0.5, 1 A" in shown and "3 of 3 robots" in shown
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["currents"] == [0.0, 0.5, 1.0]
     assert main([*line, "--current", "0", "1.2"]) == 2
     assert "--current 1.2: FL_calf takes 0 to 1 A" in capsys.readouterr().err
 
@@ -92,3 +111,44 @@ def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytes
     assert [row["current"] for row in found["couplings"]["constraint"]["by_current"]] == [0.0, 0.5, 1.0]
     shown = capsys.readouterr().out
     assert "is not the paper's device" in shown and "(paper" not in shown
+
+
+def test_training_groups_are_shares_of_what_the_device_takes(small_brake: Path) -> None:
+    """Eq. 20's four groups stay four: of 1 A, and of a brake that takes more than the paper's; hers as they are."""
+    env = WalkEnv(make_walk_cfg(num_envs=8, model=str(small_brake), randomize="none"))
+    assert env.current_e.tolist() == pytest.approx([0.0, 0.0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1.0, 1.0])
+    assert env.currents == env.cfg.currents == pytest.approx((0.0, 1 / 3, 2 / 3, 1.0))
+    devices = task_devices(make_walk_cfg())
+    assert group_currents(devices) == (0.0, 0.5, 1.0, 1.5)
+    assert devices[0].mr is not None
+    strong = [replace(device, mr=devices[0].mr.replace(current_max=3.0)) for device in devices]
+    assert group_currents(strong) == pytest.approx((0.0, 1.0, 2.0, 3.0))
+
+
+def test_a_walk_lists_currents_that_flow(small_brake: Path) -> None:
+    """Thirds of what the devices take, where 1.5 A are asked for; a note names both."""
+    devices = task_devices(make_walk_cfg(model=str(small_brake)))
+    assert own_robot.currents_of(devices, 1.5) == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
+    assert own_robot.currents_of(devices, 0.6) == pytest.approx([0.0, 0.2, 0.4, 0.6])
+    assert list(limit_note(devices, 1.5)) == ["note: the devices take 0 to 1 A; of 1.5 A they use that much"]
+    assert list(limit_note(devices, 0.6)) == []
+
+
+def test_nobody_arrived(small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Too slow for the distance, beside Go1: no nan in the table, which explains why, and nothing of the paper."""
+    options = ["--distance", "0.3", "--trials", "1", "--speed", "0.05", "--payload", "0", "--threads", "1"]
+    policy = ["--policy", str(DEFAULT_POLICY)]
+    walk = ["walk", "--model", str(small_brake), *options, *policy, "--robot", "go1", "mr_go_sal"]
+    code = main([*walk, "--out", str(tmp_path / "out")])
+    shown = capsys.readouterr().out
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert all(row["paper"] is None for row in result["conditions"]) and result["current"] == 1.0
+    assert "nan" not in shown and not {"consistency", "paper_bounds", "calibration"} & result.keys()
+    assert ("late: trials" in shown) == any(row["late"] for row in result["conditions"])
+    assert code == int(any(not row["trials"] for row in result["conditions"]))
+    row = {**result["conditions"][0], "trials": 0, "late": 2, "fell": 1}
+    nobody = {**row, **{name: {"mean": float("nan"), "sd": float("nan")} for name in ("speed", "power", "cot")}}
+    lines = energy_report.walk_lines({"conditions": [nobody, {**nobody, "hold_mean": nobody["cot"]}]})
+    text = "\n".join(lines)
+    assert "nan" not in text and "fell 1  late 2" in text
+    assert "late: trials that had not covered the distance after 2 times distance over command" in lines[-1]
