@@ -325,7 +325,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
 
 def limited(env: WalkEnv) -> list[str]:
     """Which coils take less than the training's currents, a line each; broken wires too."""
-    top, coils = max(env.currents), [(a.joint, a.mr.coil.current_max) for a in env.sim.scene.actuators if a.mr]
+    top, coils = max(env.cfg.currents), [(a.joint, a.mr.coil.current_max) for a in env.sim.scene.actuators if a.mr]
     most = sorted({current for _, current in coils if current < top})
     joints = {current: ", ".join(joint for joint, own in coils if own == current) for current in most}
     return [

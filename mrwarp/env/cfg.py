@@ -25,7 +25,7 @@ from mrwarp.env.sim import SimCfg
 from mrwarp.env.terrain import TerrainCfg
 from mrwarp.model_file import Model
 from mrwarp.nn.models import LstmState
-from mrwarp.usd.robot import GAIT_FREQUENCY
+from mrwarp.usd.robot import CURRENT_GROUPS, GAIT_FREQUENCY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +59,9 @@ class EnvCfg:
     """USD file; None takes ``assets/usd/mr_go.usda``."""
     gains: tuple[float, float] | None = None
     """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps the asset's. The low gain while holding stays."""
-    currents: tuple[float, ...] | None = None
-    """Fixed currents I_e over equal groups of environments [A], eq. 20; None: none, a third, two thirds and all of the
-    largest current that a device takes (the paper's: 0, 0.5, 1, 1.5 A). ``env.cfg`` has the numbers."""
+    currents: tuple[float, ...] = CURRENT_GROUPS
+    """Fixed currents I_e over equal groups of environments [A], eq. 20. The default stands for shares of the largest
+    current that a device takes; ``env.cfg`` has the numbers."""
     current: CurrentCommand = CurrentCommand.FIXED
     """What commands the coils within that, see :mod:`mrwarp.env.commands`."""
     coil_lag: float | None = None
@@ -102,8 +102,7 @@ class EnvCfg:
                 f"actuator_model = {self.actuator_model!r} "
                 + (need if self.actuator_model in LEARNED else f"takes no actuator_file, got {self.actuator_file!r}")
             )
-        own = self.currents
-        if own is not None and not (own and all(0.0 <= current < math.inf for current in own)):
+        if not self.currents or not all(0.0 <= current < math.inf for current in self.currents):
             raise ValueError(f"currents = {self.currents} must be at least one value, finite and none below 0 A")
         number = int | float  # a policy's file may say anything
         if self.coil_lag is not None and not (isinstance(self.coil_lag, number) and 0.0 <= self.coil_lag <= 10.0):

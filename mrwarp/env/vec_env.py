@@ -28,8 +28,8 @@ from mrwarp.env.terrain import Terrain
 from mrwarp.kernels.launch import Launch
 from mrwarp.nn import network_file
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import RobotAsset, group_currents, load_robot, with_model
-from mrwarp.usd.robot import MR_GO
+from mrwarp.usd.asset import RobotAsset, load_robot, most_current, with_model
+from mrwarp.usd.robot import MR_GO, CurrentShares
 
 
 class WalkEnv(VecEnv):
@@ -44,7 +44,6 @@ class WalkEnv(VecEnv):
     Attributes:
         arrays: Everything the task computes with, kept in place: the next step writes into it. The arrays that are
             read most stand here too, e.g. ``env.q``; see :class:`mrwarp.env.state.WalkState` for all of them.
-        currents: Currents I_e of the groups of environments [A], eq. 20.
         layout, scales: Trunk, legs and joints of the robot; its size beside the shipped one's.
         robot, sim, actuator: The robot, its physics, its motors and devices.
         terrain: The height field and its curriculum; None on flat ground.
@@ -98,10 +97,10 @@ class WalkEnv(VecEnv):
         self.clock_match, self.effort, self.power, self.key = s.clock_match, s.effort, s.power, s.key
         self.default_q.copy_(torch.tensor(scene.layout.default_q))
         s.strength.fill_(1.0)
-        currents = cfg.currents or group_currents(asset.actuators)  # eq. 20
-        self.cfg, self.currents = replace(cfg, currents=currents), currents
-        group = torch.arange(self.num_envs, device=self.device) * len(currents) // self.num_envs
-        self.current_e.copy_(torch.tensor(currents, device=self.device)[group])
+        if isinstance(cfg.currents, CurrentShares):
+            self.cfg = cfg = replace(cfg, currents=cfg.currents.of(most_current(asset.actuators)))
+        group = torch.arange(self.num_envs, device=self.device) * len(cfg.currents) // self.num_envs  # eq. 20
+        self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.nan_guard = NanGuard(self.robot, s)
         self._record_parts()
         self.step_graph = self.robot.graph(self._policy_step())

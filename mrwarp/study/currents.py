@@ -220,7 +220,7 @@ def _walks(cfg: CurrentsCfg, arm: str, best: float, policy: OnnxPolicy, speeds: 
     robot, env = ROBOT.get(arm, "mr_go_sal"), arm_env(cfg, arm, best)
     walks = WalkCfg(
         robots=(robot,), speeds=tuple(speeds), trials=cfg.trials, distance=cfg.distance, env=env,
-        current=max(env.currents or ()) or CURRENT_GROUPS[-1],
+        current=env.currents[0] or CURRENT_GROUPS[-1],
     )  # fmt: skip
     return walk(walks, {robot: policy})
 
@@ -254,7 +254,7 @@ def _measure(
     walked = [found[f"{load:g} kg, {speed:g} m/s"] for load, speed in CELLS]
     loaded = results[3.0, 0.3]
     env = arm_env(cfg, arm, best)
-    pushed = ImpactCfg(variants=(Variant(current=max(env.currents or ())),), trials=cfg.pushes, env=env)
+    pushed = ImpactCfg(variants=(Variant(current=env.currents[0]),), trials=cfg.pushes, env=env)
     extremes = body_extremes(ImpactSweep(pushed, policy).run())
     return {
         "conditions": found,

@@ -18,7 +18,7 @@ from mrwarp.trials.power_meter import MotionMeter, PowerMeter
 from mrwarp.trials.statistics import spread
 from mrwarp.trials.walking import Policy, lost_lines, make_env, same_starts
 from mrwarp.usd.asset import JointActuator, most_current
-from mrwarp.usd.robot import CURRENT_SHARES
+from mrwarp.usd.robot import CURRENT_GROUPS
 
 PATIENCE, WARMUP = 2.0, 2.0
 """A trial fails when it takes this many times ``distance/speed``; walking before it is measured [s]."""
@@ -56,7 +56,7 @@ def assumption(by: Scales) -> str:
 
 def currents_of(devices: Sequence[JointActuator], current: float) -> list[float]:
     """None, a third, two thirds and all of what the devices take of a current [A]."""
-    return [share * min(current, most_current(devices)) for share in CURRENT_SHARES]
+    return list(dict.fromkeys(CURRENT_GROUPS.of(min(current, most_current(devices)))))
 
 
 @torch.no_grad()

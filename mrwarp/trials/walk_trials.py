@@ -289,7 +289,7 @@ def standing_load(
         The mean joint load, shapes (J,) and (M,), and ``height`` [m], ``hold`` share, ``drift`` of the calves [rad].
     """
     env = make_env(cfg, 1, 0)
-    env.current_e.fill_(env.currents[-1])
+    env.current_e.fill_(env.cfg.currents[-1])
     set_payload(env, np.array([load]))
     if derate is not None:
         derate(env)

@@ -18,7 +18,7 @@ from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import LAW, PD, is_mr, plain, read_model, read_number, read_parameters
-from mrwarp.usd.robot import CURRENT_GROUPS, CURRENT_SHARES, MR_GO, Layout
+from mrwarp.usd.robot import MR_GO, Layout
 from mrwarp.usd.robot_layout import read_layout
 
 ROBOT_SUFFIXES = (".usda", ".usdc", ".usd")
@@ -145,17 +145,6 @@ def _weigh(stage: Usd.Stage, file: Path, mass: float, trunk: str | None) -> None
 def most_current(actuators: Sequence[JointActuator]) -> float:
     """Largest current that a device takes [A]; infinite without devices."""
     return max((a.mr.coil.current_max for a in actuators if a.mr), default=math.inf)
-
-
-def group_currents(actuators: Sequence[JointActuator]) -> tuple[float, ...]:
-    """Currents of the groups of eq. 20 [A], which differ whatever a device takes: shares of its largest.
-
-    Without a device, or with broken wires alone, the paper's.
-    """
-    most = most_current(actuators)
-    if not 0.0 < most < math.inf or most == CURRENT_GROUPS[-1]:
-        return CURRENT_GROUPS
-    return tuple(share * most for share in CURRENT_SHARES)
 
 
 def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]) -> None:

@@ -7,6 +7,7 @@ the public Go1 description (unitree_go1 of MuJoCo Menagerie).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
@@ -107,9 +108,16 @@ PUBLIC_GAINS = (20.0, 0.5)
 """Kp [N·m/rad] and Kd [N·m·s/rad] of public policies for such robots trained in Isaac Gym: walk-these-ways (Go1),
 legged_gym (A1). The asset's are stiffer, see ``assets/usd``."""
 
-CURRENT_SHARES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""The groups of eq. 20 as shares of the largest current that a device takes."""
-CURRENT_GROUPS = (0.0, 0.5, 1.0, 1.5)
+
+class CurrentShares(tuple[float, ...]):
+    """Currents of the paper's device [A] that stand for shares of the largest current which another device takes."""
+
+    def of(self, most: float) -> tuple[float, ...]:
+        """Currents of a device that takes so much [A]; the paper's where that is infinite: there is no device."""
+        return tuple(most * current / self[-1] for current in self) if most < math.inf else tuple(self)
+
+
+CURRENT_GROUPS = CurrentShares((0.0, 0.5, 1.0, 1.5))
 """Fixed currents I_e over the environments [A], eq. 20."""
 
 

@@ -100,12 +100,13 @@ def from_environment(model: Model, folder: Path) -> dict[str, float]:
 
 
 def from_drive(model: Model, folder: Path) -> dict[str, float]:
-    """Station: the drive in somebody's own scene, in 32 bits."""
+    """Station: the drive in somebody's own scene, in 32 bits; a motor is there only where it is asked for."""
     builder = newton.ModelBuilder()
     link = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
     joint = builder.add_joint_revolute(parent=-1, child=link, axis=(0.0, 0.0, 1.0))
     builder.add_articulation([joint])
-    DriveMR.from_model(saved(model, folder), builder, index=builder.joint_qd_start[joint])
+    motor = {name: model.values[name] for name in ("kp_base", "kd")}
+    DriveMR.from_model(saved(model, folder), builder, index=builder.joint_qd_start[joint], **motor)
     (actuator,) = builder.finalize(device="cpu").actuators
     drive = actuator.drive
     assert isinstance(drive, DriveMR)

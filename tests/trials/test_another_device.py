@@ -14,7 +14,8 @@ from mrwarp.params import MrParams
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.trials import energy_report, own_robot
 from mrwarp.trials.walking import device_notes, foreign_device, largest_difference, limit_note, task_devices
-from mrwarp.usd.asset import group_currents
+from mrwarp.usd.asset import most_current
+from mrwarp.usd.robot import CURRENT_GROUPS
 
 
 @pytest.fixture(scope="module")
@@ -117,12 +118,11 @@ def test_training_groups_are_shares_of_what_the_device_takes(small_brake: Path) 
     """Eq. 20's four groups stay four: of 1 A, and of a brake that takes more than the paper's; hers as they are."""
     env = WalkEnv(make_walk_cfg(num_envs=8, model=str(small_brake), randomize="none"))
     assert env.current_e.tolist() == pytest.approx([0.0, 0.0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1.0, 1.0])
-    assert env.currents == env.cfg.currents == pytest.approx((0.0, 1 / 3, 2 / 3, 1.0))
-    devices = task_devices(make_walk_cfg())
-    assert group_currents(devices) == (0.0, 0.5, 1.0, 1.5)
-    assert devices[0].mr is not None
-    strong = [replace(device, mr=devices[0].mr.replace(current_max=3.0)) for device in devices]
-    assert group_currents(strong) == pytest.approx((0.0, 1.0, 2.0, 3.0))
+    assert env.cfg.currents == pytest.approx((0.0, 1 / 3, 2 / 3, 1.0))
+    assert CURRENT_GROUPS.of(most_current(task_devices(make_walk_cfg()))) == (0.0, 0.5, 1.0, 1.5)
+    assert CURRENT_GROUPS.of(3.0) == pytest.approx((0.0, 1.0, 2.0, 3.0))
+    asked = replace(make_walk_cfg(num_envs=2, model=str(small_brake), randomize="none"), currents=(0.0, 0.4))
+    assert WalkEnv(asked).current_e.tolist() == pytest.approx([0.0, 0.4])
 
 
 def test_a_walk_lists_currents_that_flow(small_brake: Path) -> None:
