@@ -240,7 +240,7 @@ class DriveMR(DriveBase):
             OtherDeviceError: it learned another device than one of the drive's.
         """
         rows = np.unique(np.stack([self.param(name).numpy() for name in DEVICE], axis=1), axis=0)
-        devices = [dict(zip(DEVICE, row, strict=True)) for row in rows.tolist()]
+        devices: list[dict[str, float]] = [dict(zip(DEVICE, row, strict=True)) for row in rows.tolist()]
         for device in devices:
             model.check_device(device)
         # its states are handed over twice in a step, so none is carried here
