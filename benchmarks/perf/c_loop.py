@@ -12,6 +12,8 @@ import numpy as np
 import warp as wp
 
 from benchmarks.perf.timing import Turn
+from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.enums import ZStep
 from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
 from mrwarp.usd.robot import DEFAULT_Q, STAND_HEIGHT
 
@@ -72,9 +74,12 @@ class CLoop:
 
 
 def mixed_robots(num_envs: int) -> ActuatedSim:
-    """Robots of which half stand on held calves, and half fight targets that jump: all branches of the laws occur."""
+    """Robots of which half stand on held calves, and half fight targets that jump: all branches of the laws occur.
+
+    With the paper's Euler step, as the loop in C has it.
+    """
     cfg = SimCfg(num_envs=num_envs, threads=1)
-    robot = ActuatedSim(robot_scene(None, cfg), cfg, share_params=False)
+    robot = ActuatedSim(robot_scene(None, cfg), cfg, MrActuatorCfg(z_step=ZStep.EULER), share_params=False)
     stance = np.tile(robot.sim.scene.model.qpos0.astype(np.float32), (num_envs, 1))
     stance[:, 2] = STAND_HEIGHT
     stance[:, robot.sim.scene.q_adr] = DEFAULT_Q

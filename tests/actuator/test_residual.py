@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 
@@ -27,6 +28,7 @@ from mrwarp.nn.models import LstmState, LstmTorque, make_net
 from mrwarp.nn.network_file import DEVICE, LearnedModel, OtherDeviceError, SamplingRateError, load, shipped_model
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.runtime import DeviceWarning
 
 DT = 0.005
 MR = 4
@@ -519,3 +521,16 @@ def test_newton_drive_with_a_learned_torque_is_the_actuator_with_it(kind: str) -
         np.testing.assert_array_equal(control.joint_f.numpy(), other.tau.numpy()[:, 0])
         opened += other.m_dyn.numpy().mean() / steps
     assert opened > 0.2
+
+
+def test_a_residual_on_another_step_is_noted() -> None:
+    """A network that was trained on top of Euler's step runs on the exact one with a warning, else without."""
+    model = make_model("pg_rlstm", seed=3)
+    assert model.z_step == "exact"
+    euler = replace(model, z_step="euler")
+    with pytest.warns(DeviceWarning, match="trained on top of the euler step of eq. 15 and runs on the exact one"):
+        Loop(1, LearnedTorque(euler, dt=DT))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Loop(1, LearnedTorque(model, dt=DT))
+        Loop(1, LearnedTorque(replace(make_model("lstm", seed=3), z_step="euler"), dt=DT))  # no residual

@@ -1,0 +1,67 @@
+"""The step of eq. 15: exact in every command that simulates, the paper's where it is asked for, or was trained with."""
+
+from typing import Any
+
+import pytest
+
+from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.actuator.newton_drive import DriveMR
+from mrwarp.commands.run_play import Play
+from mrwarp.commands.run_walk import Walk
+from mrwarp.enums import AWARE, PAYING, PLANTS, PUBLIC, ZStep
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.nn import network_file
+from mrwarp.options.command_line import parse
+from mrwarp.options.command_table import COMMANDS, Command
+from mrwarp.reproduce import impacts
+from mrwarp.reproduce.settings import Settings
+from mrwarp.resources import DEFAULT_POLICY, shipped_model
+from mrwarp.rl.policy_file import read_policy
+from mrwarp.study import paper_tables
+from mrwarp.study.plan import plant_cfg
+
+
+@pytest.mark.parametrize("name", ["train", "impact", "walk", "mission", "play"])
+def test_every_command_that_simulates_offers_both(name: str) -> None:
+    """One option of one name; nothing typed is the exact step, in ``play`` what the policy's task says."""
+    command: Any = COMMANDS[name]
+    assert isinstance(command, Command)
+    needed = ["--agent", "zero"] if name == "play" else []
+    asked = {step: parse(command.load(), [*needed, "--z-step", step], name).z_step for step in ("euler", "exact")}
+    assert asked == {"euler": ZStep.EULER, "exact": ZStep.EXACT}
+    assert parse(command.load(), needed, name).z_step is (None if name == "play" else ZStep.EXACT)
+
+
+def test_nothing_chosen_is_the_exact_step() -> None:
+    """Actuator, task, drive; a walk's task is what its option says."""
+    assert MrActuatorCfg().z_step is make_walk_cfg().actuator.z_step is ZStep.EXACT
+    assert DriveMR.resolve_arguments({})["z_step"] is ZStep.EXACT
+    assert DriveMR.resolve_arguments({"z_step": "euler"})["z_step"] is ZStep.EULER
+    for step in ZStep:
+        assert Walk(z_step=step).env_cfg().actuator.z_step is step
+
+
+def test_the_paper_is_reproduced_with_its_own_step() -> None:
+    """Studies and the report, whatever the plant; and the shipped residual network, which corrects that step."""
+    for plant in (*PLANTS, PUBLIC, *PAYING):
+        assert plant_cfg(plant).actuator.z_step is ZStep.EULER, plant
+    assert impacts.config(impacts.GRID[0], Settings()).env.actuator.z_step is ZStep.EULER
+    for step in paper_tables.STEPS:
+        env, _ = paper_tables._plant(step, 1)
+        assert env.actuator_model == "none" or env.actuator.z_step is ZStep.EULER
+    shipped = shipped_model(AWARE)
+    assert shipped is not None and network_file.load(shipped).z_step == "euler"
+
+
+def test_a_policy_plays_with_its_own_step_on_its_own_devices() -> None:
+    """The shipped one was trained with Euler's; files that name none too; other devices take the exact one."""
+    task = read_policy(DEFAULT_POLICY)[1]["task"]
+    assert task["z_step"] == "euler"
+    play = Play(policy=str(DEFAULT_POLICY))
+    assert play._z_step(task) is ZStep.EULER
+    assert play._z_step({name: value for name, value in task.items() if name != "z_step"}) is ZStep.EULER
+    assert play._z_step({**task, "z_step": "exact"}) is play._z_step({}) is ZStep.EXACT
+    own = "own.json"
+    assert Play(policy=str(DEFAULT_POLICY), model=own)._z_step(task) is ZStep.EXACT
+    assert Play(policy=str(DEFAULT_POLICY), model=own)._z_step({**task, "model": own}) is ZStep.EULER
+    assert Play(policy=str(DEFAULT_POLICY), model=own, z_step=ZStep.EULER)._z_step(task) is ZStep.EULER
