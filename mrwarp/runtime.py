@@ -14,7 +14,7 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -230,6 +230,20 @@ def panels(
         axis.grid(axis=grid, alpha=0.3)
         axis.set_axisbelow(True)
     return figure, axes
+
+
+@contextlib.contextmanager
+def drawing(name: str, note: Callable[[str], Any] = print) -> Iterator[None]:
+    """Draw a picture: an error in it becomes a note, for what was computed stands without it.
+
+    An error of the system, such as a full disk, is no fault of the picture and is raised.
+    """
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:  # whatever a picture meets
+        note(f"note: {name} was not drawn: {' '.join(str(error).split()) or type(error).__name__}")
 
 
 def closest(word: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:

@@ -77,7 +77,11 @@ class Plan:
         elif self.family == "background":
             out["background"] = UNCATALOGUED[(turn + index % len(kinds)) % len(UNCATALOGUED)]
         elif self.family == "other":
-            names = [name for name in VARIANTS if kind != "velocity_lag" or VARIANTS[name].get("velocity", True)]
+            # what cannot show: a velocity's lag without one, a drift from run to run without a clock that runs on
+            needs = {"velocity_lag": "velocity", "wear": "session_clock", "temperature_drift": "session_clock"}.get(
+                kind
+            )
+            names = [name for name, variant in VARIANTS.items() if needs is None or variant.get(needs, True)]
             out |= VARIANTS[names[(turn + index % len(kinds)) % len(names)]]
         fixed = {
             "size": self.size,

@@ -107,14 +107,15 @@ def run_bench(
     share = cfg.samples / work
     header = _header(cfg)
     recorded = record(
-        fit, cfg, streams[1], {**header, "part": "fit"}, (0.0, FIT_SHARE), lambda s: log(share * s, "fit")
+        fit, cfg, streams[1], {**header, "part": "fit"}, (0.0, FIT_SHARE), progress=lambda s: log(share * s, "fit")
     )
     evaluation = None
     if cfg.evaluation_samples:
         excitations = evaluation_excitations(cfg.evaluation_samples, streams[2], pool)
         evaluation = record(
             excitations, cfg, streams[3], {**header, "part": "evaluation"}, (FIT_SHARE, 1.0),
-            lambda s: log(share + (1.0 - share) * s, "evaluation"),
+            begin=LOG_DT * recorded.samples,
+            progress=lambda s: log(share + (1.0 - share) * s, "evaluation"),
         )  # fmt: skip
     return BenchData(fit=recorded, evaluation=evaluation, holding=_holding(cfg, streams[4], header))
 
@@ -125,9 +126,11 @@ def record(
     rng: np.random.Generator,
     header: dict[str, Any],
     session: tuple[float, float] = (0.0, 1.0),
+    *,
+    begin: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
-    """Run excitations on the bench and log them.
+    """Run excitations on the bench and log them, one after the other by one clock.
 
     Args:
         excitations: Motions and currents.
@@ -135,11 +138,12 @@ def record(
         rng: Source of noise and of what differs from run to run.
         header: What the recording says about its making.
         session: Start and end as shares of the session.
+        begin: What the clock shows at the first sample [s].
         progress: Called with the finished share.
     """
     log, total = progress or (lambda share: None), len(excitations)
     start = session[0] + (session[1] - session[0]) * np.arange(total) / total
-    trajectories = []
+    trajectories, count = [], 0
     for first in range(0, total, _BATCH):
         batch = excitations[first : first + _BATCH]
         drive = Drive(
@@ -152,14 +156,14 @@ def record(
             log((first + share * size) / total)
 
         logged = simulate(drive, cfg.effects, cfg.params, rng, finished)
-        t = np.round(np.arange(len(drive.command)) * LOG_DT, 6)
         for k, excitation in enumerate(batch):
             n = len(excitation.command)
+            t, count = np.round(begin + (count + np.arange(n)) * LOG_DT, 6), count + n
             # a log file has a finite number of digits; all are far below the sensors' resolution
             trajectories.append(
                 Trajectory(
                     id=excitation.id,
-                    t=t[:n],
+                    t=t,
                     q=np.round(logged.q[:n, k], 7),
                     qd=np.round(logged.qd[:n, k], 6),
                     current=excitation.command,

@@ -15,7 +15,7 @@ from tyro.conf import UseAppendAction
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, quiet_libraries
+from mrwarp.runtime import ProgressLine, drawing, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.bench.virtual_bench import BenchCfg, BenchData
@@ -120,9 +120,10 @@ class Bench(Options):
             self._write(data, show)
             show(1.0, "comparing with eq. 14")
             figures = session_report.measure(data, cfg)
-            session_report.draw(data, cfg, self.out / "bench.png")
             figures["seconds"] = round(time.perf_counter() - started, 1)
             write_result(self.out, figures, seed=cfg.seed, command=str(line))
+            with drawing("bench.png"):
+                session_report.draw(data, cfg, self.out / "bench.png")
         finally:
             shown.done()
         print("\n".join(session_report.lines(figures, cfg)))

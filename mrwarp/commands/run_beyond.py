@@ -13,7 +13,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import POLICIES
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine
+from mrwarp.runtime import ProgressLine, drawing
 
 
 def _report(study: ModuleType, found: dict[str, Any], out: Path, picture: str, seed: int, line: CommandLine) -> int:
@@ -22,7 +22,8 @@ def _report(study: ModuleType, found: dict[str, Any], out: Path, picture: str, s
 
     took = spent(out)
     write_result(out, {**found, "took": took}, seed=seed, command=str(line))
-    study.picture(found, out / picture)
+    with drawing(picture):
+        study.picture(found, out / picture)
     print("\n".join(study.lines(found)))
     trained = f" and {took['training'] / 60.0:.1f} min of training" if took["training"] else ""
     print(f"\nfigures and picture in {out}; {took['measuring'] / 60.0:.1f} processor minutes of measuring{trained}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
-from mrwarp.run_dir import check_writable, write_text
+from mrwarp.run_dir import check_writable, write_bytes, write_text
 from mrwarp.runtime import Stopwatch, core_count, quiet_libraries, text_table
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Diagnose(opt.LogOptions):
     """save that view as a recording"""
 
     def run(self, line: CommandLine) -> int:
-        """0 when the report is written, 2 on bad input, 130 after Ctrl-C; then nothing is written."""
+        """0 when the report is written, 2 on bad input, 130 after Ctrl-C; before the verdict nothing is written."""
         self._check_out()
         from mrwarp.robot_logs.robot_log import is_robot_log
 
@@ -80,16 +80,32 @@ class Diagnose(opt.LogOptions):
             from mrwarp.diagnose.report.overview_pictures import draw
             from mrwarp.diagnose.report.printed import lines
 
+            written: list[str] = []
             with Countdown(progress) as log:
-                diagnosis, besides, tables = self._diagnose(*given, log)
+                diagnosis = self._diagnose(*given, log)
+                with _undisturbed():
+                    written = self._write(diagnosis, line, {})
+                besides, tables = self._besides(diagnosis, given[1], log)
+                model_name = "model.json" if diagnosis.model is not None else ""
+                if besides:
+                    diagnosis.write(self.out, str(line), besides, model_name=model_name)
                 log("pictures")
-                pictures = draw(diagnosis)
+                pictures, notes = draw(diagnosis)
+                for note in notes:
+                    log(note)
+                diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *notes))
                 page = render(diagnosis, str(line), **tables, pictures=pictures)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt("nothing was written") from None
+            left = f"only {' and '.join(written)} in {self.out}" if written else "nothing"
+            raise KeyboardInterrupt(f"{left} was written") from None
         with _undisturbed():
-            written = self._write(diagnosis, line, besides, page, pictures)
+            for name, data in pictures.items():
+                write_bytes(self.out / "pictures" / f"{name}.png", data)
+            write_text(self.out / "report.html", page)
+            if notes:
+                diagnosis.write(self.out, str(line), besides, model_name=model_name)
         print("\n".join(lines(diagnosis, tables)))
+        written += ["report.html", f"pictures/ ({len(pictures)} PNG)"]
         print(f"\n{', '.join(written)} in {self.out} ({progress.seconds:.0f} s)")
         return 0
 
@@ -104,7 +120,7 @@ class Diagnose(opt.LogOptions):
         from mrwarp.robot_logs.report.walk_change import HEAD, check_walker, walk_change
         from mrwarp.robot_logs.robot_diagnosis import diagnose_log, robot_of
         from mrwarp.robot_logs.robot_verdict import lines
-        from mrwarp.run_dir import check_output, write_bytes
+        from mrwarp.run_dir import check_output
         from mrwarp.viewing.live_view import disconnect, open_sink
         from mrwarp.viewing.viewer import check_viewer
 
@@ -115,7 +131,7 @@ class Diagnose(opt.LogOptions):
         check_output(self.rrd, ".rrd")
         if self.live:
             check_viewer()
-        progress = Stopwatch()
+        progress, written = Stopwatch(), list[str]()
         try:
             progress(f"reading {self.data}")
             log = open_log(self.data, skip_bad=self.skip_bad, **self.said)
@@ -128,25 +144,33 @@ class Diagnose(opt.LogOptions):
                 walked = walk_change(d, self.policy, seed=self.seed, progress=progress)
             elif self.policy is not None:
                 progress("no extension: the robot is what it was")
+            besides = {"walk": vars(walked)} if walked else {}
+            with _undisturbed():
+                self._clear(log_pictures.NAMES)
+                names, notes = write_extended(d, self.out)
+                d = replace(d, notes=(*d.notes, *notes))
+                d.write(self.out, str(line), besides, seed=self.seed, model_name="model.json")
+                written = ["result.json", *names]
             progress("pictures")
             compared = compare(d)
-            pictures = log_pictures.draw(d, compared)
+            pictures, notes = log_pictures.draw(d, compared)
+            for note in notes:
+                progress(note)
+            d = replace(d, notes=(*d.notes, *notes))
             page = log_page.render(d, pictures, str(line), walked)
             sink = open_sink(rrd=self.rrd) if self.live or self.rrd is not None else None
             if sink is not None:
                 log_view(d, compared, sink.recording)
                 disconnect(sink.recording)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt("nothing was written") from None
+            left = f"only {' and '.join(written)} in {self.out}" if written else "nothing"
+            raise KeyboardInterrupt(f"{left} was written") from None
         with _undisturbed():
-            self.out.mkdir(parents=True, exist_ok=True)
             for name, data in pictures.items():
                 write_bytes(self.out / "pictures" / f"{name}.png", data)
             write_text(self.out / "report.html", page)
-            names, notes = write_extended(d, self.out)
-            d = replace(d, notes=(*d.notes, *notes))
-            besides = {"walk": vars(walked)} if walked else {}
-            d.write(self.out, str(line), besides, seed=self.seed, model_name="model.json")
+            if notes:
+                d.write(self.out, str(line), besides, seed=self.seed, model_name="model.json")
         print("\n".join(lines(d)))
         if walked:
             print("\n".join(("", "as described → extended", *text_table(HEAD, walked.rows()))))
@@ -185,21 +209,25 @@ class Diagnose(opt.LogOptions):
         return recording, unseen, model
 
     def _diagnose(
-        self, recording: Recording, unseen: Recording | None, model: Model | None, progress: Callable[[str], None]
-    ) -> tuple[Diagnosis, dict[str, Any], dict[str, Table]]:
-        """The diagnosis, what ``result.json`` and what the report holds besides; writes nothing."""
-        from mrwarp.diagnose.held_out import predicted_errors, summary
+        self, recording: Recording, _: Recording | None, model: Model | None, progress: Callable[[str], None]
+    ) -> Diagnosis:
         from mrwarp.diagnose.pipeline import diagnose
-        from mrwarp.diagnose.report import printed
         from mrwarp.identify.fit import read_holding
         from mrwarp.model_file import HOLDING_NOTE
 
         holding = read_holding(self.data, recording, None, progress)
         if holding is None and (model is None or not model.holding_measured):
             progress(HOLDING_NOTE)
-        d = diagnose(
+        return diagnose(
             recording, model=model, holding=holding, seed=self.seed, progress=progress, threads=min(core_count(), 8)
         )
+
+    def _besides(
+        self, d: Diagnosis, unseen: Recording | None, progress: Callable[[str], None]
+    ) -> tuple[dict[str, Any], dict[str, Table]]:
+        """What ``result.json`` and what the report hold besides the verdict."""
+        from mrwarp.diagnose.held_out import predicted_errors, summary
+        from mrwarp.diagnose.report import printed
 
         besides: dict[str, Any] = {}
         tables: dict[str, Table] = {}
@@ -228,28 +256,25 @@ class Diagnose(opt.LogOptions):
             policy = OnnxPolicy(DEFAULT_POLICY)
             change = impact_change(d.baseline_model, d.model, policy, seed=self.seed, progress=progress)
             besides["impact"], tables["impact"] = change, printed.impact_table(change, EFFECT_FIGURES)
-        return d, besides, tables
+        return besides, tables
 
-    def _write(
-        self, d: Diagnosis, line: CommandLine, besides: Mapping[str, Any], page: str, pictures: Mapping[str, bytes]
-    ) -> list[str]:
-        """Write all files, each atomically and ``result.json`` last; returns their names."""
+    def _write(self, d: Diagnosis, line: CommandLine, besides: Mapping[str, Any]) -> list[str]:
+        """Write what was found, each file atomically and ``result.json`` last; returns their names."""
         from mrwarp.diagnose.report.overview_pictures import NAMES
         from mrwarp.model_file import save_model
 
-        folder = self.out / "pictures"
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in NAMES:  # those of an earlier diagnosis would be taken for this one's
-            (folder / f"{name}.png").unlink(missing_ok=True)
-        for name, data in pictures.items():
-            (folder / f"{name}.png").write_bytes(data)
-        names = ["result.json", "report.html"]
+        self._clear(NAMES)
+        names = ["result.json"]
         if d.model is not None:
             save_model(d.model, self.out / "model.json")
             names.append("model.json")
-        write_text(self.out / "report.html", page)
         d.write(self.out, str(line), besides, model_name="model.json" if d.model is not None else "")
-        return [*names, f"pictures/ ({len(pictures)} PNG)"]
+        return names
+
+    def _clear(self, pictures: Iterable[str]) -> None:
+        """Remove page and pictures of an earlier diagnosis, which would be taken for this one's."""
+        for path in (self.out / "report.html", *(self.out / "pictures" / f"{name}.png" for name in pictures)):
+            path.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

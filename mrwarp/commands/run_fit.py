@@ -14,7 +14,7 @@ from mrwarp.enums import HYSTERESIS_LAWS, LEARNED
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, Stopwatch, quiet_libraries
+from mrwarp.runtime import ProgressLine, Stopwatch, drawing, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.recording.load import Recording
@@ -143,14 +143,15 @@ class Fit(Options):
             extended = fit_extended(recording, seed=self.seed, progress=lambda text: progress(f"extended: {text}"))
         predicted = fit_report.predictions(unseen, result, extended, self.averaged) if unseen else {}
         save_model(fit_report.to_model(result, extended), self.out / "model.json")
-        progress("pictures")
-        loops_picture(recording, result, extended, self.out / "loops.png")
-        residual_picture(recording, result, extended, self.out / "residual.png")
         content = fit_report.figures(result, extended) | {
             "predicted": predicted,
             "repairs": [vars(repair) for repair in recording.repairs],
         }
         write_result(self.out, content, seed=self.seed, command=str(line))
+        progress("pictures")
+        for picture, name in ((loops_picture, "loops.png"), (residual_picture, "residual.png")):
+            with drawing(name, progress):
+                picture(recording, result, extended, self.out / name)
         print("\n".join(fit_report.lines(result, extended)))
         if holding is None:
             print(f"\n{HOLDING_NOTE}")
@@ -246,8 +247,9 @@ class Learn(Options):
             print("note: without --bouc-wen the network counts as one of the paper's device, and runs in no other")
         network_file.save(model, self.out / "model.safetensors")
         network_file.export_onnx(model, self.out / "model.onnx")
-        plot_history(learned.history, self.kind, self.out / "curves.png")
         write_result(self.out, figures, seed=self.seed, command=str(line))
+        with drawing("curves.png"):
+            plot_history(learned.history, self.kind, self.out / "curves.png")
         print(
             f"{self.kind}: validation RMSE {figures['validation_rmse']:.3f} N·m at epoch {figures['best_epoch']} of "
             f"{figures['epochs']} ({figures['windows_seen']} windows drawn from {figures['training_windows']}, "
@@ -300,7 +302,8 @@ class Monitor(Options):
         figures = {"records": health.names, **health.values, "error": health.error, "bounds": health.bounds,
                    "alarms": health.alarms}  # fmt: skip
         write_result(self.out, figures, seed=0, command=str(line))
-        monitor.picture(health, cfg, self.out / "health.png")
+        with drawing("health.png"):
+            monitor.picture(health, cfg, self.out / "health.png")
         print("\n".join(monitor.lines(health, cfg)))
         print(f"\nfigures and picture in {self.out}")
         return 1 if health.alarms else 0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +14,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import text_table
+from mrwarp.runtime import drawing, text_table
 
 if TYPE_CHECKING:
     from mrwarp.rl.policy import OnnxPolicy
@@ -84,7 +86,7 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
 
         from mrwarp.rl.policy import OnnxPolicy
         from mrwarp.trials.impact import Variant
-        from mrwarp.trials.impact_figures import figures
+        from mrwarp.trials.impact_figures import figures, plot_thresholds
         from mrwarp.viewing import robot_pictures
         from mrwarp.viewing.live_view import ImpactView, open_sink
 
@@ -104,6 +106,7 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
         view = ImpactView(shown, sink) if sink else None
         self.out.mkdir(parents=True, exist_ok=True)
         couples: dict[str, Any] = {}
+        pictures: dict[str, Callable[..., Any]] = {}
         theirs = None if shown.foreign else paper.IMPACT_CHANGE
         result = {**self.chosen("kind", "branches"), "paper_change": theirs, "couplings": couples}
         for name, sweep in ((coupling.value, sweep) for coupling, sweep in sweeps.items()):
@@ -112,15 +115,18 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
             trace = sweep.run()
             couples[name] = figures(trace, sweep.cfg.currents)
             print("\n".join(f"  {text}" for text in _lines(couples[name], None if sweep.foreign else self.kind)))
-            robot_pictures.impact_sheet(sweep, trace, self.out / f"impact_{name}.png")
-            robot_pictures.impact_loops(trace, sweep.cfg.currents, self.out / f"loops_{name}.png")
-            robot_pictures.impact_timeline(trace, sweep.cfg.currents, self.out / f"timeline_{name}.png")
+            pictures[f"impact_{name}.png"] = partial(robot_pictures.impact_sheet, sweep, trace)
+            pictures[f"loops_{name}.png"] = partial(robot_pictures.impact_loops, trace, sweep.cfg.currents)
+            pictures[f"timeline_{name}.png"] = partial(robot_pictures.impact_timeline, trace, sweep.cfg.currents)
         if view is not None:
             view.close()
             result["shown"] = view.minima
         if self.sensitivity:
-            result["sensitivity"] = self._sensitivity(policy)
+            result["sensitivity"] = found = self._sensitivity(policy)
+            of_paper = found["paper"] is not None
+            pictures["sensitivity.png"] = partial(plot_thresholds, found["ours"], paper_device=of_paper)
         write_result(self.out, result, seed=self.seed, command=str(line))
+        _draw(pictures, self.out)
         print(f"\nfigures and pictures in {self.out}")
         if sink and sink.web:
             print(f"open {sink.web.page} in a browser on this machine; Ctrl-C ends", flush=True)
@@ -139,6 +145,7 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
         force = self.force or fixed_base.default_push(arm)
         couplings = [c for c in Coupling if self.coupling in ("both", c.value)]
         result: dict[str, Any] = {"force": force, "couplings": {}}
+        pictures: dict[str, Callable[..., Any]] = {}
         self.out.mkdir(parents=True, exist_ok=True)
         for coupling in couplings:
             push = {"force": force, "duration": self.duration or 0.2, "seconds": 2.0, "coupling": coupling}
@@ -151,8 +158,9 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
             print(f"push of ({newtons}) N on the {what}, {coupling.value} coupling")
             print("\n".join(fixed_base.lines(rows, what)))
             title = f"{arm.path.name} pushed, {coupling.value} coupling"
-            fixed_base.picture(scene, trace, currents, self.out / f"impact_{coupling.value}.png", title)
+            pictures[f"impact_{coupling.value}.png"] = partial(fixed_base.picture, scene, trace, currents, title=title)
         write_result(self.out, result, seed=self.seed, command=str(line))
+        _draw(pictures, self.out)
         print(f"\nfigures and pictures in {self.out}")
         return 0
 
@@ -171,17 +179,23 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
         return ImpactSweep(replace(cfg.scaled(scales_of(robot["robot"], self.asset)), **given), policy)
 
     def _sensitivity(self, policy: OnnxPolicy) -> dict[str, Any]:
-        from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants
+        from mrwarp.trials.impact_figures import threshold_reductions, threshold_variants
 
         print("threshold sensitivity: every value of f_th, eps_e and eps_v in one batch", flush=True)
         current = max(self.current)
         sweep = self._sweep(Coupling.CONSTRAINT, threshold_variants(current), policy)
         rows = threshold_reductions(sweep.run())
-        plot_thresholds(rows, self.out / "sensitivity.png", paper_device=not sweep.foreign)
         for name, entries in rows.items():
             text = ", ".join(f"{e['value']:g}: {e['drop']['mean']:.2f} / {e['motor']['mean']:.2f} %" for e in entries)
             print(f"  {name:6s} reduction of CoM drop / motor torque: {text}")
         return {"current": current, "ours": rows, "paper": None if sweep.foreign else paper.THRESHOLDS}
+
+
+def _draw(pictures: Mapping[str, Callable[..., Any]], out: Path) -> None:
+    """Draw pictures by their file names, after what they show was written."""
+    for name, draw in pictures.items():
+        with drawing(name):
+            draw(path=out / name)
 
 
 def _lines(found: dict[str, Any], kind: str | None) -> list[str]:

@@ -17,6 +17,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.resources import shipped_model
 from mrwarp.run_dir import check_output, write_result
+from mrwarp.runtime import drawing
 
 if TYPE_CHECKING:
     from mrwarp.env.cfg import EnvCfg
@@ -128,11 +129,12 @@ class Play(opt.RobotOptions):
         scene, trace = fixed_base.move(asset, currents, target=fixed_base.sine, **options)
         rows = fixed_base.figures(scene, trace, currents)
         print("\n".join(fixed_base.lines(rows, "carriage" if fixed_base.has_rail(asset) else "last link")))
-        if self.png:
-            fixed_base.picture(scene, trace, currents, self.png, f"{asset.path.name}: a sine at every joint")
-            print(f"picture: {self.png}")
         if self.out:
             print(f"figures: {write_result(self.out, {'by_current': rows}, seed=self.seed, command=str(line))}")
+        if self.png:
+            with drawing(self.png.name):
+                fixed_base.picture(scene, trace, currents, self.png, f"{asset.path.name}: a sine at every joint")
+                print(f"picture: {self.png}")
         return 0
 
     def _prepare(self) -> Player:
@@ -202,20 +204,21 @@ class Play(opt.RobotOptions):
         if self.rrd:
             _partial(self.rrd).replace(self.rrd)
             print(f"recording: {self.rrd}; open it with: rerun {self.rrd}")
-        if self.png and len(player.frames) > 1:
-            where = f"{cfg.robot}, payload {cfg.payload:g} kg, command {self.speed:g} m/s, seed {self.seed}"
-            title = f"{Path(agent).name} on {where}{', rough ground' * bool(cfg.terrain)}"
-            contact_sheet(player.env.sim.scene, Frames.join(player.frames), player.currents, self.png, title=title)
-            print(f"picture: {self.png}")
         if figures:
             _report(figures, wall)
             if self.out:
                 figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
                 print(f"figures: {write_result(self.out, figures, seed=self.seed, command=str(line))}")
-            if web:
-                print("the page stays until Ctrl-C", flush=True)
-                web.wait()
-                print()
+        if self.png and len(player.frames) > 1:
+            where = f"{cfg.robot}, payload {cfg.payload:g} kg, command {self.speed:g} m/s, seed {self.seed}"
+            title = f"{Path(agent).name} on {where}{', rough ground' * bool(cfg.terrain)}"
+            with drawing(self.png.name):
+                contact_sheet(player.env.sim.scene, Frames.join(player.frames), player.currents, self.png, title=title)
+                print(f"picture: {self.png}")
+        if figures and web:
+            print("the page stays until Ctrl-C", flush=True)
+            web.wait()
+            print()
         return code
 
     def _cfg(self, task: dict[str, Any]) -> EnvCfg:

@@ -14,7 +14,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import POLICIES
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine
+from mrwarp.runtime import ProgressLine, drawing
 
 if TYPE_CHECKING:
     from mrwarp.study.plan import StudyCfg
@@ -118,13 +118,13 @@ class Figure5(Options):
         from mrwarp.study.matched_training import TITLES, figure5, plot
 
         found = figure5(self.policies, seeds=self.seeds)
-        self.out.mkdir(parents=True, exist_ok=True)
-        plot(found, self.out / "fig5.png")
         for plant, curve in found.items():
             title = TITLES.get(plant, plant)
             print(f"{title:20s} reward at the end {curve.mean[-1]:.2f} ± {curve.sd[-1]:.2f} per second")
         content = {plant: {"update": c.update, "mean": c.mean, "sd": c.sd} for plant, c in found.items()}
         write_result(self.out, {"curves": content}, seed=self.seeds[0], command=str(line))
+        with drawing("fig5.png"):
+            plot(found, self.out / "fig5.png")
         print(f"\npicture and figures in {self.out}")
         return 0
 

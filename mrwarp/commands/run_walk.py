@@ -14,7 +14,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import ProgressLine
+from mrwarp.runtime import ProgressLine, drawing
 
 if TYPE_CHECKING:
     from mrwarp.env.cfg import EnvCfg
@@ -216,9 +216,12 @@ class Walk(EnergyOptions):
             write_numbers(self.out / "numbers.json", groups)
         figures |= {"distance": self.distance, "current": cfg.current, "wall_seconds": time.perf_counter() - started}
         write_result(self.out, figures, seed=self.seed, command=str(line))
-        walk_pictures.cost(figures["conditions"], self.out / "cot.png")
-        walk_pictures.holding(results, self.out / "holding.png")
-        walk_pictures.distributions(results, self.out / "torques.png")
+        with drawing("cot.png"):
+            walk_pictures.cost(figures["conditions"], self.out / "cot.png")
+        with drawing("holding.png"):
+            walk_pictures.holding(results, self.out / "holding.png")
+        with drawing("torques.png"):
+            walk_pictures.distributions(results, self.out / "torques.png")
         print("\n".join(energy_report.walk_lines(figures)))
         print(f"\nfigures and pictures in {self.out}")
         return 0 if all(len(result.speed) for result in results) else 1
@@ -266,7 +269,8 @@ class Walk(EnergyOptions):
             "numbers": described({"electrical": electrical}),
         }  # fmt: skip
         write_result(self.out, figures, seed=self.seed, command=str(line))
-        own_robot.picture(rows, self.out / "cot.png", Path(file).name)
+        with drawing("cot.png"):
+            own_robot.picture(rows, self.out / "cot.png", Path(file).name)
         print("\n".join(own_robot.lines(rows)))
         print(f"\nfigures and picture in {self.out}")
         return 0 if all(row["trials"] for row in rows) else 1
@@ -367,8 +371,10 @@ class Mission(EnergyOptions):
             write_numbers(self.out / "numbers.json", groups)
         figures |= {"task": task, "wall_seconds": time.perf_counter() - started}
         write_result(self.out, figures, seed=self.seed, command=str(line))
-        walk_pictures.mission_power(traces, self.out / "power.png")
-        walk_pictures.mission_temperature(traces, figures["robots"], self.out / "temperature.png")
+        with drawing("power.png"):
+            walk_pictures.mission_power(traces, self.out / "power.png")
+        with drawing("temperature.png"):
+            walk_pictures.mission_temperature(traces, figures["robots"], self.out / "temperature.png")
         print("\n".join(energy_report.mission_lines(figures)))
         print(f"\nfigures and pictures in {self.out}")
         return 0
@@ -417,7 +423,8 @@ class Mission(EnergyOptions):
         figures = {**found, "task": same, "numbers": described(groups)}
         figures["processor_seconds"] = time.process_time() - begun
         write_result(self.out, figures, seed=self.seed, command=str(line))
-        thermal_mission.picture(found, self.out / "thermal.png")
+        with drawing("thermal.png"):
+            thermal_mission.picture(found, self.out / "thermal.png")
         print("\n".join(thermal_mission.lines(found)))
         print(f"\nfigures and picture in {self.out}")
         return 0

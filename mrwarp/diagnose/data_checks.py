@@ -12,6 +12,7 @@ from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title
 from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
 from mrwarp.identify.contradictions import MIN_TRAJECTORIES, contradictions
+from mrwarp.identify.dataset import session_clock
 from mrwarp.recording.data import Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
 
@@ -108,5 +109,10 @@ def gaps(recording: Recording) -> list[str]:
         found.append(
             f"the {name} is constant within each trajectory: coil lag, command delay and remanence cannot be seen; "
             f"record steps of the {name} while the joint moves"
+        )
+    if len(runs) > 1 and session_clock(recording) is None:
+        found.append(
+            "the runs share no clock (their recorded times overlap, as where each begins at 0 s): wear, drift and "
+            "warming from run to run cannot be seen, only within runs; record t by a clock that runs on from run to run"
         )
     return found

@@ -37,7 +37,7 @@ from mrwarp.diagnose.result import (
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
-from mrwarp.identify.dataset import Motion, rms
+from mrwarp.identify.dataset import Motion, rms, session_clock
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
 from mrwarp.recording.load import Recording
@@ -341,6 +341,7 @@ def _traces(found: Findings) -> Traces:
         start=motion.start,
         regime=regimes(motion),
         noise_rms=found.problem.noise.rms * torque,
+        one_clock=session_clock(found.recording) is not None,
     )
 
 

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 
 from mrwarp.diagnose.problem import Fit, Problem, gain_and_t
-from mrwarp.identify.dataset import Dataset, Motion
+from mrwarp.identify.dataset import Dataset, Motion, of_commonest_rate
 from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import LINEAR, LINEAR_PART
 
@@ -172,18 +172,19 @@ def find_line(problem: Problem, fit: Fit) -> Line | None:
     """Strongest line in a model's mismatch that stands out in at least half of the trajectories, or None.
 
     What follows the angle, the velocity or the torque within a trajectory is no line; where most trajectories turn one
-    way at a steady speed, what repeats along the angle repeats in time, and there is no telling. Each trajectory's
-    periodogram is divided by its local background; at a frequency without a line the median over trajectories follows
-    from the exponential law, whatever their number.
+    way at a steady speed, what repeats along the angle repeats in time, and there is no telling. Trajectories of the
+    commonest rate are looked at. Each one's periodogram is divided by its local background; at a frequency without a
+    line the median over trajectories follows from the exponential law, whatever their number.
     """
     s, torque = problem.motion, fit.torque
     if np.mean([abs(s.qd[part].mean()) > s.qd[part].std() for part in s.parts]) >= 0.5:
         return None
     white = problem.noise.white(np.stack([s.torque - torque, np.ones(len(torque)), torque, s.q, s.qd]))
-    length = int(np.median(np.diff(s.start)))
+    alike = of_commonest_rate(s.dt, s.start)
+    length, dt = int(np.median(np.diff(s.start)[alike])), float(np.median(s.dt[alike]))
     powers = []
-    for part in s.parts:
-        if part.stop - part.start < length * 0.9:
+    for part, same in zip(s.parts, alike, strict=True):
+        if not same or part.stop - part.start < length * 0.9:
             continue
         x, *own = white[:, part][:, 8:length]
         basis = np.linalg.qr(np.stack(own).T)[0]
@@ -193,7 +194,7 @@ def find_line(problem: Problem, fit: Fit) -> Line | None:
     if len(powers) < 4:
         return None
     powers = np.array(powers)
-    frequency = np.fft.rfftfreq(length, float(np.median(s.dt)))
+    frequency = np.fft.rfftfreq(length, dt)
     inner = slice(_LOWEST, len(frequency) - 4)
     half = (len(powers) + 1) // 2
     ordered = np.sort(powers, axis=0)[-half]

@@ -159,6 +159,8 @@ class Traces:
     regime: np.ndarray
     """Index into ``REGIMES`` of each sample."""
     noise_rms: float
+    one_clock: bool = True
+    """Whether time counts through the session; else from the start of each trajectory."""
 
     @property
     def parts(self) -> list[slice]:

@@ -32,7 +32,7 @@ _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
 _VARIABLES = {
     "qd": "the velocity",
     "qdd": "the acceleration",
-    "time": "the time in the session",
+    "time": "the time",
     "memory": "what happened shortly before (memory)",
     "frequency": "the frequency",
     "temperature": "the temperature",

@@ -26,6 +26,8 @@ _STRETCH = 3.0
 """Shortest stretch that is taken of a longer trajectory [s]."""
 _GOLDEN = 0.618
 """The golden section."""
+_SAME_RATE = 0.01
+"""Relative difference of two sampling steps up to which they are one rate: clocks differ by less."""
 _MOVING = 0.05
 """Part of the typical speed above which the joint moves."""
 _WHOLE = 0.95
@@ -50,6 +52,15 @@ def rms(x: np.ndarray) -> float:
 def parts_of(start: np.ndarray) -> list[slice]:
     """Slices between the first samples of trajectories laid end to end and the end of the last, shape (T + 1,)."""
     return [slice(int(a), int(b)) for a, b in zip(start[:-1], start[1:], strict=True)]
+
+
+def of_commonest_rate(dt: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Whether each trajectory has the sampling rate of most samples, bool, shape (T,).
+
+    ``dt`` are the sampling steps, shape (T,), ``start`` the first samples and the end of the last, shape (T + 1,).
+    """
+    near = np.abs(dt / dt[:, None] - 1.0) < _SAME_RATE
+    return near[int(np.argmax(near @ np.diff(start)))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,11 +174,11 @@ class Motion(Dataset):
     qdd: np.ndarray
     """Acceleration by zero-phase local polynomials, shape (N,)."""
     time: np.ndarray
-    """Time in the session [s], shape (N,)."""
+    """Time in the session [s], or in each trajectory where these share no clock, shape (N,)."""
     slid_time: np.ndarray
-    """Time in the session counted by the path length slid, as long as the session, shape (N,)."""
+    """The same time counted by the path length slid, as long as the longest, shape (N,)."""
     heat: np.ndarray
-    """Heat stored for each of ``HEAT_TIMES``, shape (len(HEAT_TIMES), N)."""
+    """Heat stored since then for each of ``HEAT_TIMES``, shape (len(HEAT_TIMES), N)."""
     ranges: Ranges
     kinematics: Kinematics
     resistance: float = 0.0
@@ -204,8 +215,9 @@ class Motion(Dataset):
         scales = data.scales
         data = dataclasses.replace(data, qd=kinematics.qd / scales.q)
         clock = session_clock(recording)
+        alone, begins = clock is None, np.zeros(len(data.dt)) if clock is None else clock
         time = np.concatenate(
-            [run.t - run.t[0] + begin for run, begin in zip(recording.trajectories, clock, strict=True)]
+            [run.t - run.t[0] + begin for run, begin in zip(recording.trajectories, begins, strict=True)]
         )
         power = np.abs(data.torque * data.qd)
         power += resistance * data.current**2 * scales.current**2 / (scales.torque * scales.q)
@@ -221,13 +233,13 @@ class Motion(Dataset):
             carried=is_load(recording.units) and quantity("current", recording.units) != "pressure",
             drive=quantity("torque", recording.units) in ("motor current", "motor voltage"),
         )
-        slid = _slid(data, time)
+        slid = _slid(data, time, alone=alone)
         return cls(
             **vars(data),
             qdd=kinematics.qdd / scales.q,
             time=time,
             slid_time=slid * time.max() / max(float(slid.max()), 1e-12),
-            heat=np.stack([_heat(power, time, data, tau) for tau in HEAT_TIMES]),
+            heat=np.stack([_heat(power, time, data, tau, alone=alone) for tau in HEAT_TIMES]),
             ranges=ranges,
             kinematics=kinematics,
             resistance=resistance,
@@ -325,38 +337,35 @@ def _turns(way: float) -> float:
     return float(way // (_WHOLE * 2.0 * np.pi))
 
 
-def session_clock(recording: Recording) -> np.ndarray:
-    """Time at which each trajectory starts [s], shape (T,).
+def session_clock(recording: Recording) -> np.ndarray | None:
+    """Time in the session at which each trajectory starts [s], shape (T,); None where they share no clock.
 
-    From the recorded times where they go on from one trajectory to the next; where all start alike, trajectories are
-    taken as run one after the other in their order.
+    They share one where no two of them overlap in their recorded times. The order of files is no time: where each
+    begins at 0 s nobody knows which came first.
     """
     starts = np.array([run.t[0] for run in recording.trajectories])
-    lengths = np.array([run.t[-1] - run.t[0] + run.dt for run in recording.trajectories])
+    ends = np.array([run.t[-1] for run in recording.trajectories])
     order = np.argsort(starts, kind="stable")
-    apart = np.all(starts[order][1:] >= (starts + lengths)[order][:-1] - 1e-6)
-    if len(starts) > 1 and apart:
-        return starts - starts.min()
-    return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    return starts - starts.min() if np.all(starts[order][1:] > ends[order][:-1]) else None
 
 
-def _slid(data: Dataset, time: np.ndarray) -> np.ndarray:
-    """Path length slid since the session began, shape (N,)."""
+def _slid(data: Dataset, time: np.ndarray, *, alone: bool) -> np.ndarray:
+    """Path length slid since the session began, or ``alone`` since each trajectory did, shape (N,)."""
     out, before, parts = np.empty_like(time), 0.0, data.parts
     for k in np.argsort(time[data.start[:-1]], kind="stable"):
         part = parts[k]
-        path = before + np.cumsum(np.abs(data.qd[part])) * data.dt[k]
+        path = (0.0 if alone else before) + np.cumsum(np.abs(data.qd[part])) * data.dt[k]
         out[part], before = path, float(path[-1])
     return out
 
 
-def _heat(power: np.ndarray, time: np.ndarray, data: Dataset, time_constant: float) -> np.ndarray:
-    """Solution of ``ds/dt = power - s/T`` through the session, rests included, shape (N,)."""
+def _heat(power: np.ndarray, time: np.ndarray, data: Dataset, time_constant: float, *, alone: bool) -> np.ndarray:
+    """Solution of ``ds/dt = power - s/T`` through the session, rests included, or ``alone`` from each start; (N,)."""
     out, parts = np.empty_like(power), data.parts
     stored, end = 0.0, 0.0
     for k in np.argsort(time[data.start[:-1]], kind="stable"):
         part, dt = parts[k], data.dt[k]
-        stored *= np.exp(-max(0.0, time[part.start] - end) / time_constant)
+        stored *= 0.0 if alone else np.exp(-max(0.0, time[part.start] - end) / time_constant)
         keep = np.exp(-dt / time_constant)
         heat, _ = lfilter([dt], [1.0, -keep], power[part], zi=[keep * stored])
         out[part] = heat

@@ -31,7 +31,7 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
 from mrwarp.reproduce.settings import PLANT_TITLES, networks
 from mrwarp.run_dir import write_text
-from mrwarp.runtime import panels
+from mrwarp.runtime import drawing, panels
 from mrwarp.trials.walk_pictures import PAPER_MARK
 
 COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm": "#2f7d4f"}
@@ -68,7 +68,8 @@ def compute(job: Job) -> Findings:
         name: learn.summary(learn.errors(learn.predict(models[name], data, lstm_state=LstmState.CARRIED), data))
         for name in ("lstm", "pg_rlstm")
     }
-    plot({"1": found}, job.out / "figure4.png")
+    with drawing("figure4.png"):
+        plot({"1": found}, job.out / "figure4.png")
     rows = []
     for name in COLOURS:
         for amps, theirs in paper.FIGURE_4[name].items():
@@ -147,16 +148,17 @@ def figure3(torque: Mapping[str, Sequence[np.ndarray]], data: Recording, path: P
     run = data.trajectories[k]
     on = np.abs(run.current) > ON * np.abs(run.current).max()
     on[: learn.SKIP] = False
-    figure, ((axis,),) = panels((11, 3.6), 1, 1)
-    part = slice(learn.SKIP, learn.SKIP + SECTION)
-    axis.plot(run.t[part], run.torque[part], color="black", linewidth=1.5, label="measured (virtual bench)")
-    for name in COLOURS:
-        axis.plot(run.t[part], torque[name][k][part], color=COLOURS[name], linewidth=1.0, label=PLANT_TITLES[name])
-    axis.fill_between(run.t[part], 0, 1, where=on[part], color="#e08a1e", alpha=0.15, linewidth=0,
-                      transform=axis.get_xaxis_transform())  # fmt: skip
-    axis.set(xlabel="time [s]", ylabel="torque [N·m]")
-    figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
-    figure.savefig(path, dpi=110)
+    with drawing("figure3.png"):
+        figure, ((axis,),) = panels((11, 3.6), 1, 1)
+        part = slice(learn.SKIP, learn.SKIP + SECTION)
+        axis.plot(run.t[part], run.torque[part], color="black", linewidth=1.5, label="measured (virtual bench)")
+        for name in COLOURS:
+            axis.plot(run.t[part], torque[name][k][part], color=COLOURS[name], linewidth=1.0, label=PLANT_TITLES[name])
+        axis.fill_between(run.t[part], 0, 1, where=on[part], color="#e08a1e", alpha=0.15, linewidth=0,
+                          transform=axis.get_xaxis_transform())  # fmt: skip
+        axis.set(xlabel="time [s]", ylabel="torque [N·m]")
+        figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
+        figure.savefig(path, dpi=110)
     return {name: float(np.sqrt(np.mean((torque[name][k] - run.torque)[on] ** 2))) for name in COLOURS}
 
 
@@ -232,7 +234,8 @@ def train(bench: BenchCfg, recipe: FitCfg, strengths: Sequence[float], out: Path
         session = replace(bench, effects=Effects.defaults(strength))
         results[f"{strength:g}"] = _one_strength(session, recipe, out / f"strength_{strength:g}")
         print(f"\neffects times {strength:g}\n{learn.table(results[f'{strength:g}'])}\n", flush=True)
-    plot(results, out / "figure4.png")
+    with drawing("figure4.png"):
+        plot(results, out / "figure4.png")
     return {
         "parts": {"fig4_strengths": {"rows": [], "claims": {}, "tables": [asdict(strength_table(results))]}},
         "strengths": results,
@@ -309,7 +312,8 @@ def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe
         device = {key: value for key, value in MrParams() if key in network_file.DEVICE}  # the bench's: the paper's
         model = replace(learned.model, source="mrwarp virtual bench", device=device)
         network_file.save(model, out / f"{name}.safetensors")
-        plot_history(learned.history, name, out / f"{name}_curves.png")
+        with drawing(f"{name}_curves.png"):
+            plot_history(learned.history, name, out / f"{name}_curves.png")
     errors = learn.errors(torque, data.evaluation)
     by_current = {f"{amps:g}": list(values) for amps, values in errors.items()}
     return {"summary": learn.summary(errors), "errors": by_current, **made}

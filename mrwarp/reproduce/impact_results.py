@@ -16,7 +16,7 @@ from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare, over_seeds, seeds_of
 from mrwarp.reproduce.settings import Ensemble, study_files
-from mrwarp.runtime import panels
+from mrwarp.runtime import drawing, panels
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, fixed_current_env
 from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants
@@ -92,7 +92,8 @@ def fig6(job: Job) -> Findings:
             f"{' and '.join(pairs)} do: the mirrored legs are compared."
         )
     shown = found.traces[adopted.torque]
-    _plot_push(shown, adopted.zero, job)
+    with drawing("torque.png"):
+        _plot_push(shown, adopted.zero, job)
     return Findings(
         rows=rows,
         claims={f"current lowers the motor's torque on the loaded pair{law}": all(each) for law, each in lower.items()},
@@ -153,7 +154,8 @@ def fig7(job: Job) -> Findings:
             for amps, cell in theirs.items():
                 ours = over_seeds(values[leg][CURRENT_GROUPS.index(amps)], seeds)
                 rows.append(compare(f"{leg}, {amps:g} A, {name}", TORQUE, cell, ours, why))
-    _plot_drop(found, seeds, job)
+    with drawing("torque.png"):
+        _plot_drop(found, seeds, job)
     return Findings(
         rows=rows,
         claims={f"1.5 A lower the torque of FR and RL, {name}": all(each) for name, each in lower.items()},
@@ -250,7 +252,8 @@ def sensitivity(job: Job) -> Findings:
     varied = [(off if v.current == 0.0 else on, v.params) for v in threshold_variants(on.current)]
     variants = tuple(replace(base, params={**base.params, **params}) for base, params in varied)
     trace = impacts.sweep(reading, settings, lift=chosen.lift, cfg=replace(cfg, variants=variants))
-    plot_thresholds(threshold_reductions(trace), job.out / "thresholds.png")
+    with drawing("thresholds.png"):
+        plot_thresholds(threshold_reductions(trace), job.out / "thresholds.png")
     reductions = by_seed(trace, policies)
     rows, claims, span = [], {}, []
     for name, (title, unit) in THRESHOLDS.items():

@@ -18,6 +18,7 @@ from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, compare, over_seeds
 from mrwarp.reproduce.settings import ensembles
+from mrwarp.runtime import drawing
 from mrwarp.trials import walk_figures, walk_pictures
 from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseLoad, calibrate, measure, run
 
@@ -123,7 +124,8 @@ def fig10(job: Job) -> Findings:
             else _walking("mr_go_sal", found, name.removesuffix("_power"))
         )
         rows.append(change_row(found, changes[name], name.replace("_", " "), "change", why))
-    walk_pictures.mission_power(found.traces, job.out / "power.png")
+    with drawing("power.png"):
+        walk_pictures.mission_power(found.traces, job.out / "power.png")
     depletion = changes["depletion"]
     return Findings(
         rows=rows,
@@ -159,7 +161,8 @@ def fig11(job: Job) -> Findings:
     whys = {"calf_walking": _relief(found), "all": _rise("mr_go_sal", "all", found)}
     for name, why in whys.items():
         rows.append(change_row(found, changes[f"{name}_rise"], RISES[name], "change of rise", why))
-    walk_pictures.mission_temperature(found.traces, figures, job.out / "temperature.png")
+    with drawing("temperature.png"):
+        walk_pictures.mission_temperature(found.traces, figures, job.out / "temperature.png")
     least = f"SAL lowers the calves' rise while walking by at least {-100.0 * relief['paper']:.1f} %"
     return Findings(
         rows=rows,

@@ -11,7 +11,7 @@ from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
 from mrwarp.reproduce.impacts import Drops, Pushes, PushResult
-from mrwarp.runtime import panels
+from mrwarp.runtime import drawing, panels
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.robot_pictures import COLORS
 
@@ -37,7 +37,8 @@ def compute(job: Job) -> Findings:
                 ours, theirs = over_seeds(values[cell][i], dropped.seeds()), paper.TABLE_4["hardware"][amps][cell]
                 condition = f"drop of {paper.IMPACTOR['mass']:g} kg, {amps:g} A, {name}"
                 rows.append(compare(condition, quantity, theirs, ours, _dropped(values, cell)))
-    _plot(found, dropped, job)
+    with drawing("table4.png"):
+        _plot(found, dropped, job)
     off = {amps: _off(adopted, amps) for amps in CURRENT_GROUPS[1:]}
     within = sum(abs(value) <= WANTED for values in off.values() for value in values)
     return Findings(

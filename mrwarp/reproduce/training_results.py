@@ -20,6 +20,7 @@ from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
 from mrwarp.reproduce.settings import PLANT_TITLES, PUSHED_GAINS
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.run_dir import write_bytes
+from mrwarp.runtime import drawing
 from mrwarp.study import matched_training, paper_tables
 from mrwarp.study.paper_tables import LEAST, Change, PolicyRow, Table2, Table3
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PUBLIC, STUDY, name, plant_cfg, policy_file, start_file
@@ -109,7 +110,8 @@ def table3(job: Job) -> Findings:
 def fig5(job: Job) -> Findings:
     """Learning curves; whether the aware policies learn more slowly and end higher. The paper gives no numbers."""
     found = matched_training.figure5()
-    matched_training.plot(found, job.out / "rewards.png")
+    with drawing("rewards.png"):
+        matched_training.plot(found, job.out / "rewards.png")
     slow, plain = found[AWARE], found[CONVENTIONAL]
     quarter, last = slow.update <= 0.25 * slow.update[-1], slow.update >= 0.9 * slow.update[-1]
     early, late = ([float(curve.mean[part].mean()) for curve in (slow, plain)] for part in (quarter, last))

@@ -20,6 +20,7 @@ from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
 from mrwarp.reproduce.walks import Walks
+from mrwarp.runtime import drawing
 from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
 from mrwarp.trials import power_meter, walk_figures, walk_pictures
 from mrwarp.trials.statistics import ratio_sd
@@ -112,7 +113,8 @@ def fig9(job: Job) -> Findings:
     """The costs of transport as bars."""
     walked = walks.read(job)
     cfg = walked.calibrated().cfg
-    walk_pictures.cost([walk_figures.row(result, cfg) for result in walked.both], job.out / "cot.png")
+    with drawing("cot.png"):
+        walk_pictures.cost([walk_figures.row(result, cfg) for result in walked.both], job.out / "cot.png")
     least = walks.complete(walked.both)
     if least:
         cots = {(r.robot, r.cell): walk_figures.cot(r, cfg).mean() for r in walked.both}
@@ -370,8 +372,10 @@ def _why(result: WalkResult, ours: float, theirs: float) -> str:
 def fig8(job: Job) -> Findings:
     """Both pictures, and whether the torques of the front-right leg shift as the paper says; it gives no numbers."""
     walked = walks.read(job)
-    walk_pictures.holding(walked.both, job.out / "holding.png")
-    walk_pictures.distributions(walked.both, job.out / "torques.png")
+    with drawing("holding.png"):
+        walk_pictures.holding(walked.both, job.out / "holding.png")
+    with drawing("torques.png"):
+        walk_pictures.distributions(walked.both, job.out / "torques.png")
     whole = walks.complete([r for r in walked.both if r.robot in PAIR])
     torque = {(r.robot, *r.cell): walk_figures.torques(r) for r in walked.both if len(r.speed)}
     cells = list(dict.fromkeys(r.cell for r in walked.both))

@@ -24,7 +24,7 @@ from mrwarp.rl.progress import DivergenceError, Divergences, not_finite
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
 from mrwarp.run_dir import check_writable, claim, one_line, write_result
-from mrwarp.runtime import one_torch_thread, repeating_torch, silent
+from mrwarp.runtime import drawing, one_torch_thread, repeating_torch, silent
 from mrwarp.trials.walking import GateCheck, WalkingGate
 
 
@@ -354,8 +354,9 @@ class Trainer:
         description = {name: result[name] for name in ("task", "started_from")}
         description |= {"seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command}
         policy.export_onnx(self.algorithm.get_policy(), out / "policy.onnx", description)
-        progress.plot(self.progress, out / "learning_curve.png", WalkingGate().scaled(self.env.scales))
         write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
+        with drawing("learning_curve.png"):
+            progress.plot(self.progress, out / "learning_curve.png", WalkingGate().scaled(self.env.scales))
         return result
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.run_dir import atomic_write, write_result
-from mrwarp.runtime import closest, panels, text_table
+from mrwarp.runtime import closest, drawing, panels, text_table
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.runners import FINISHED, read_status
 
@@ -48,10 +48,11 @@ def report(trials: Sequence[Trial], figures: Sequence[str], out: Path, command: 
     means = summary(rows, names)
     print("\n" + "\n".join(table(rows, means, names)))
     write_csv(rows, out / "trials.csv")
-    if names:
-        plot(rows, means, names, out / "trials.png")
     states = Counter(row["state"] for row in rows)
     write_result(out, {"swept": swept, "states": states, "conditions": means, "trials": rows}, seed=0, command=command)
+    if names:
+        with drawing("trials.png"):
+            plot(rows, means, names, out / "trials.png")
     finished = sum(states[state] for state in FINISHED)
     print(f"\n{finished} of {len(rows)} trials have a result; trials.csv, trials.png and result.json in {out}")
     return finished == len(rows)

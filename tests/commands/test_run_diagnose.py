@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.diagnose.report import overview_pictures
 from mrwarp.model_file import load_model, save_model
 from mrwarp.nn.training import FitCfg
 from tests.diagnose import made_up
@@ -110,6 +111,32 @@ def test_ctrl_c_leaves_nothing(data: Path, tmp_path: Path, computed, capsys: pyt
     assert main(["diagnose", str(data), "--out", str(tmp_path / "out")]) == 130
     assert "nothing was written" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_what_was_found_is_written_before_anything_is_drawn(
+    data: Path, tmp_path: Path, computed, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """A picture that fails costs a note in all three places; Ctrl-C while drawing keeps the verdict."""
+    out = tmp_path / "out"
+
+    def fails(d):
+        assert json.loads((out / "result.json").read_text())["verdict"] == "named"
+        assert load_model(out / "model.json").effects and not (out / "report.html").exists()
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setitem(overview_pictures.MAKERS, "loops", fails)
+    assert main(["diagnose", str(data), "--out", str(out)]) == 0
+    [note] = [x for x in json.loads((out / "result.json").read_text())["notes"] if "'loops'" in x]
+    assert note in (out / "report.html").read_text().replace("&#39;", "'") and note in capsys.readouterr().out
+    assert len(list((out / "pictures").iterdir())) == 8
+
+    def stopped(d):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(overview_pictures.MAKERS, "loops", stopped)
+    assert main(["diagnose", str(data), "--out", str(out)]) == 130
+    assert {p.name for p in out.rglob("*.*")} == {"result.json", "model.json"}
+    assert "only result.json and model.json" in capsys.readouterr().err
 
 
 def test_recordings_that_took_no_part(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:

@@ -20,7 +20,7 @@ def good(runs: int = 6, seconds: float = 4.0, dt: float = 0.005) -> Recording:
         qd = np.gradient(q, dt)
         current = np.repeat(rng.choice([0.0, 0.5, 1.0, 1.5], len(t) // 80 + 1), 80)[: len(t)]
         torque = (0.4 + current) * np.tanh(4.0 * qd) + 0.02 * rng.normal(size=len(t))
-        found.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, current=current, torque=torque))
+        found.append(Trajectory(id=f"run{k}", t=k * seconds + t, q=q, qd=qd, current=current, torque=torque))
     return Recording(trajectories=tuple(found))
 
 
@@ -35,6 +35,13 @@ def changed(recording: Recording, **channels) -> Recording:
 def test_good_recording_has_no_hindrance() -> None:
     """Enough motion, current and torque: nothing stands against a verdict and nothing stays unknown."""
     assert hindrances(good()) == [] and gaps(good()) == []
+
+
+def test_runs_that_each_begin_at_zero_say_nothing_of_drifts_between_them() -> None:
+    """Neither wear nor warming from run to run can be known; a single run needs no common clock."""
+    [gap] = gaps(changed(good(), t=lambda run: run.t - run.t[0]))
+    assert "share no clock" in gap and "wear" in gap and "runs on" in gap
+    assert gaps(good(runs=1)) == []
 
 
 @pytest.mark.parametrize(

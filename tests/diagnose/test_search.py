@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mrwarp.diagnose.baseline import fit_baseline
 from mrwarp.diagnose.pipeline import _candidates
 from mrwarp.diagnose.problem import CHI2, FLOOR, covariance, reported_fit, threshold
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection, _within_range, best_single, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.parameters import LINEAR
+from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 
 CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
@@ -177,3 +179,34 @@ def test_friction_that_grows_with_a_load_is_told_by_name() -> None:
     final = selection.final
     assert final.parameters.values(final.x)["load_friction"]["F1"] == pytest.approx(0.1, rel=0.05)
     assert np.isfinite(covariance(final)).all()
+
+
+def to_and_fro(speed: float, friction: float, rng: np.random.Generator) -> Trajectory:
+    """A run at one speed to and fro, with a friction that is constant in it; its clock begins at 0 s."""
+    t = np.arange(600) * 0.01
+    way = np.where(np.arange(len(t)) // 200 % 2 == 0, speed, -speed)
+    qd = np.convolve(np.pad(way, 5, mode="edge"), np.full(11, 1 / 11), "valid")
+    torque = friction * np.tanh(qd / 0.01) + 0.004 * rng.normal(size=len(t))
+    q = np.cumsum(qd) * 0.01 + 1e-5 * rng.normal(size=len(t))
+    qd = qd + 1e-3 * rng.normal(size=len(t))
+    return Trajectory(id=f"at {speed}, {rng.integers(1000)}", t=t, q=q, qd=qd, current=0.0 * t, torque=torque)
+
+
+def test_the_order_of_files_is_no_time() -> None:
+    """What a wear gains where friction falls from file to file with the speed, and each file begins at 0 s.
+
+    In any order of the files it is the same, and little of what it would be by a clock that runs on.
+    """
+    rng = np.random.default_rng(3)
+    devices = ((0.08, 0.31), (0.15, 0.24), (0.3, 0.21))
+    runs = [to_and_fro(speed, friction, rng) for speed, friction in devices for _ in range(3)]
+    mixed = [runs[k] for k in (4, 0, 8, 2, 6, 1, 5, 3, 7)]
+    clocked = [replace(run, t=run.t + 6.0 * k) for k, run in enumerate(runs)]
+    gains = []
+    for some in (runs, mixed, clocked):
+        recording = Recording(trajectories=tuple(some))
+        problem, base = fit_baseline(recording, model=None, threads=1, seed=0, log=lambda text: None)
+        [wear] = screen_candidates(problem, base, ["wear"])
+        gains.append((base.total - wear.total) / base.total)
+    assert gains[1] == pytest.approx(gains[0], abs=0.01)
+    assert gains[0] < 0.05 and gains[2] > 0.15

@@ -22,14 +22,26 @@ def run(begin: float, torque: float = 2.0, seconds: float = 2.0, dt: float = 0.0
 
 
 def test_session_clock_is_the_recorded_time() -> None:
-    """Runs whose times follow each other keep their pauses, in any order; runs that all start at 0 follow on."""
+    """Runs whose times follow each other keep their pauses, in any order; runs that overlap share no clock."""
     apart = Recording(trajectories=(run(50.0), run(10.0), run(20.0)))
-    assert session_clock(apart).tolist() == [40.0, 0.0, 10.0]
-    alike = Recording(trajectories=(run(0.0), run(0.0, seconds=3.0), run(0.0)))
-    np.testing.assert_allclose(session_clock(alike), [0.0, 2.0, 5.0])
-    overlapping = Recording(trajectories=(run(0.0), run(1.0)))
-    np.testing.assert_allclose(session_clock(overlapping), [0.0, 2.0])
-    assert session_clock(Recording(trajectories=(run(7.0),))).tolist() == [0.0]
+    np.testing.assert_array_equal(session_clock(apart), [40.0, 0.0, 10.0])
+    epoch = 1.79e9
+    stamped = Recording(trajectories=(run(epoch + 2.0), run(epoch)))
+    np.testing.assert_array_equal(session_clock(stamped), [2.0, 0.0])
+    np.testing.assert_array_equal(session_clock(Recording(trajectories=(run(7.0),))), [0.0])
+    for begins in ((0.0, 0.0, 0.0), (0.0, 1.0)):
+        assert session_clock(Recording(trajectories=tuple(run(begin) for begin in begins))) is None
+
+
+def test_runs_without_a_common_clock_each_begin_at_zero() -> None:
+    """Time, the path slid and the heat are those of the run itself, whatever stands before it in the folder."""
+    alike = Motion.of(Recording(trajectories=(run(0.0), run(0.0), run(0.0))), Scales())
+    alone = Motion.of(Recording(trajectories=(run(0.0),)), Scales())
+    for part in alike.parts:
+        np.testing.assert_array_equal(alike.time[part], alone.time)
+        np.testing.assert_allclose(alike.slid_time[part], alone.slid_time, rtol=1e-12)
+        np.testing.assert_array_equal(alike.heat[:, part], alone.heat)
+    assert alike.ranges.session == alone.ranges.session
 
 
 @pytest.mark.parametrize("resistance", [0.0, 4.0])

@@ -94,12 +94,22 @@ def test_one_level_of_the_control_input_needs_no_current(tmp_path: Path) -> None
     assert result.nrmse < 0.05
 
 
-def test_the_command_writes_the_law(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``fit --law`` writes model.json with it, and refuses what it cannot combine or does not know."""
+def test_the_command_writes_the_law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``fit --law`` writes model.json with it, though a picture fails, and refuses what it cannot combine or know."""
+
+    def fails(*given):
+        assert (tmp_path / "out/result.json").is_file() and (tmp_path / "out/model.json").is_file()
+        raise ValueError("cannot convert float NaN to integer")
+
+    monkeypatch.setattr("mrwarp.identify.fit_pictures.loops_picture", fails)
     save_recording(kwok_damper(runs=6), tmp_path / "data")
     assert main(["fit", str(tmp_path / "data"), "--law", "kwok", "--out", str(tmp_path / "out")]) == 0
     assert load_model(tmp_path / "out/model.json").law is not None
-    assert "Kwok's law" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Kwok's law" in said and "note: loops.png was not drawn: cannot convert" in said
+    assert (tmp_path / "out/residual.png").is_file()
     for extra in (["--law", "kwok", "--robust"], ["--law", "nobody"]):
         assert main(["fit", str(tmp_path / "data"), *extra, "--out", str(tmp_path / "no")]) == 2
     assert not (tmp_path / "no").exists()

@@ -54,7 +54,7 @@ def render(
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     variable = partial(text.variable, units=d.recording.units)
     environment.filters |= {"percent": text.percent, "both": text.both, "variable": variable}
-    found = draw(d) if pictures is None else pictures
+    found = draw(d)[0] if pictures is None else pictures
     page = environment.get_template("report.html.jinja").render(
         **{key: x if key in _AS_IS else _truly(x, d.recording.units) for key, x in _content(d).items()},
         pictures={name: base64.b64encode(data).decode() for name, data in found.items()},

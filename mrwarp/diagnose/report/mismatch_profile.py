@@ -84,12 +84,13 @@ def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
     name, simulated = quantity("current", units), f"simulated {quantity('torque', units)}"
     views = _views(t)
     minutes = float(np.ptp(t.time)) > 180.0
+    since = "time in the session" if t.one_clock else "time since the run began"
     plain: dict[str, tuple[np.ndarray, str]] = {
         "q": (t.q, axis_label("q", units)),
         "qd": (t.qd, axis_label("qd", units)),
         "qdd": (t.qdd, f"acceleration [{units['q']}/s²]"),
         "current": (t.current, axis_label("current", units)),
-        "time": (t.time / 60.0, "time in the session [min]") if minutes else (t.time, "time in the session [s]"),
+        "time": (t.time / 60.0, f"{since} [min]") if minutes else (t.time, f"{since} [s]"),
         "torque": (t.baseline, f"{simulated} [{torque}]"),
     }
     if variable in plain:

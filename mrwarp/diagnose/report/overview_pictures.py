@@ -27,6 +27,7 @@ from mrwarp.diagnose.report.trace_pictures import (
 from mrwarp.diagnose.result import REGIMES, Diagnosis
 from mrwarp.diagnose.verdict_text import axis_label, both, capital, percent, short, title
 from mrwarp.recording.data import true_names
+from mrwarp.runtime import drawing
 
 NAMES = ("loops", "accounting", "evidence", "gain", "worst", "variables", "spectrum", "tried", "data")
 """All pictures, in the order of the report."""
@@ -35,21 +36,26 @@ _NAMED = 28
 """Most trajectories that are written by name."""
 
 
-def draw(diagnosis: Diagnosis) -> dict[str, bytes]:
-    """All pictures that the diagnosis has data for, as PNG by name, in the order of the report."""
+def draw(diagnosis: Diagnosis) -> tuple[dict[str, bytes], list[str]]:
+    """All pictures that the diagnosis has data for, as PNG by name, in the order of the report, and notes.
+
+    A note names a picture that could not be drawn, and why.
+    """
     makers: dict[str, Callable[[Diagnosis], Figure | None]] = {"data": data_picture}
     if diagnosis.verdict is not None:
         makers |= {"tried": tried_picture, "gain": gain_picture, "accounting": accounting_picture}
         if diagnosis.traces is not None:
             makers |= MAKERS
     found: dict[str, bytes] = {}
+    notes: list[str] = []
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")  # a trajectory's name in letters that the font does not have
         for name, make in makers.items():
-            figure = make(diagnosis)
-            if figure is not None:
-                found[name] = _png(figure)
-    return {name: found[name] for name in NAMES if name in found}
+            with drawing(f"the picture {name!r}", notes.append):
+                figure = make(diagnosis)
+                if figure is not None:
+                    found[name] = _png(figure)
+    return {name: found[name] for name in NAMES if name in found}, notes
 
 
 def accounting_picture(d: Diagnosis) -> Figure:

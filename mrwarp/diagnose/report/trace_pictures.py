@@ -24,7 +24,7 @@ from mrwarp.diagnose.report.mismatch_profile import (
 from mrwarp.diagnose.result import Diagnosis, Traces
 from mrwarp.diagnose.verdict_text import axis_label, capital, short, title
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.dataset import rms, session_clock
+from mrwarp.identify.dataset import of_commonest_rate, rms, session_clock
 from mrwarp.recording.data import true_names
 
 MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#56b4e9", "#d0d0d0", "#e69f00"
@@ -121,7 +121,8 @@ def worst_picture(d: Diagnosis) -> Figure:
     part = max((_stretch(t, p, _WORST) for p in t.parts), key=lambda p: float(np.mean((t.torque - t.baseline)[p] ** 2)))
     k = int(np.searchsorted(t.start, part.start, side="right")) - 1
     run = d.recording.trajectories[k]
-    clock = t.time[part] - session_clock(d.recording)[k]
+    begins = session_clock(d.recording)
+    clock = t.time[part] - (0.0 if begins is None else begins[k])
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
     panels = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 2, 1.3))
     _three(panels[0], clock, t, part)
@@ -162,9 +163,9 @@ def spectrum_picture(d: Diagnosis) -> Figure:
     t, units = _traces(d), d.recording.units
     figure = Figure(figsize=(WIDTH, 3.9), layout="constrained")
     ax = figure.subplots()
-    dt = np.array([run.dt for run in d.recording.trajectories])
-    same = [p for p, step in zip(t.parts, dt, strict=True) if abs(step / np.median(dt) - 1.0) < 0.01]
-    rate = 1.0 / float(np.median(dt))
+    steps = np.array([run.dt for run in d.recording.trajectories])
+    alike = of_commonest_rate(steps, t.start)
+    same, rate = [t.parts[k] for k in np.flatnonzero(alike)], 1.0 / float(np.median(steps[alike]))
     ax.plot(*_density(t.torque - t.baseline, same, rate), color=BEFORE, label="baseline")
     if is_extended(t):
         ax.plot(*_density(t.torque - t.extended, same, rate), color=AFTER, ls="--", label="with the extension")

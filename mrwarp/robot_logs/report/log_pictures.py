@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from mrwarp.robot_logs.report.compared_replays import UNITS, Compared, joint_windows
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
+from mrwarp.runtime import drawing
 
 BEFORE, AFTER, MEASURED = "#d55e00", "#0072b2", "#1c1f23"
 """Colours of the description, the extended robot and the log; told apart by colour-blind readers."""
@@ -17,9 +18,19 @@ CELLS, MOST_NAMES = 240, 6
 """Most columns of the map over time, and most recordings whose names find room over it."""
 
 
-def draw(d: RobotDiagnosis, compared: list[Compared]) -> dict[str, bytes]:
-    """PNGs by name."""
-    return {"where": _where(d, compared), "errors": _errors(d), "trace": _trace(d, compared)}
+NAMES = ("where", "errors", "trace")
+"""All pictures."""
+
+
+def draw(d: RobotDiagnosis, compared: list[Compared]) -> tuple[dict[str, bytes], list[str]]:
+    """PNGs by name, and a note on each that could not be drawn."""
+    makers = (lambda: _where(d, compared), lambda: _errors(d), lambda: _trace(d, compared))
+    found: dict[str, bytes] = {}
+    notes: list[str] = []
+    for name, make in zip(NAMES, makers, strict=True):
+        with drawing(f"the picture {name!r}", notes.append):
+            found[name] = make()
+    return found, notes
 
 
 def accused(d: RobotDiagnosis) -> list[int]:

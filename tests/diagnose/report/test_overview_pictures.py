@@ -18,8 +18,8 @@ UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 @pytest.mark.parametrize("verdict", ["none", "named_and_unexplained"])
 def test_every_picture_is_drawn(verdict) -> None:
     """All nine, none empty, none larger than a phone loads."""
-    found = pictures.draw(made_up.make(verdict))
-    assert tuple(found) == pictures.NAMES
+    found, notes = pictures.draw(made_up.make(verdict))
+    assert not notes and tuple(found) == pictures.NAMES
     for name, data in found.items():
         image = matplotlib.image.imread(io.BytesIO(data))
         assert 400 <= image.shape[1] <= 900, name
@@ -29,7 +29,7 @@ def test_every_picture_is_drawn(verdict) -> None:
 
 def test_without_a_verdict_only_the_data_are_shown() -> None:
     """Nothing that looks like a verdict."""
-    assert tuple(pictures.draw(made_up.make(None))) == ("data",)
+    assert tuple(pictures.draw(made_up.make(None))[0]) == ("data",)
 
 
 @pytest.mark.parametrize("runs", [1, 40])
@@ -41,7 +41,37 @@ def test_few_and_many_trajectories_whose_names_are_no_formulas(runs: int) -> Non
     changed = dataclasses.replace(
         d, recording=dataclasses.replace(d.recording, trajectories=runs), per_trajectory=per, gain=None
     )
-    assert set(pictures.draw(changed)) == set(pictures.NAMES)
+    assert set(pictures.draw(changed)[0]) == set(pictures.NAMES)
+
+
+@pytest.mark.parametrize("slower", [[1, 3, 5, 7], [0, 1, 2]])
+def test_runs_of_two_rates_are_drawn(slower: list[int]) -> None:
+    """Half of the runs at half of the rate, or fewer: the spectrum is of the commonest rate."""
+    d = made_up.make("named")
+    runs = [
+        dataclasses.replace(r, t=(2.0 if k in slower else 1.0) * r.t) for k, r in enumerate(d.recording.trajectories)
+    ]
+    found, notes = pictures.draw(dataclasses.replace(d, recording=dataclasses.replace(d.recording, trajectories=runs)))
+    assert not notes and tuple(found) == pictures.NAMES
+
+
+def test_a_picture_that_fails_costs_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others are drawn; the note names it and the reason; a full disk is an error."""
+
+    def fails(d):
+        raise ValueError("cannot convert float NaN to integer")
+
+    monkeypatch.setitem(pictures.MAKERS, "spectrum", fails)
+    found, [note] = pictures.draw(made_up.make("named"))
+    assert set(found) == set(pictures.NAMES) - {"spectrum"}
+    assert "'spectrum'" in note and "cannot convert float NaN" in note
+
+    def full(d):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(pictures.MAKERS, "spectrum", full)
+    with pytest.raises(OSError, match="No space"):
+        pictures.draw(made_up.make("named"))
 
 
 def test_other_units_are_on_the_axes() -> None:
