@@ -23,6 +23,7 @@ import numpy as np
 
 from mrwarp.identify.boosting import foretold
 from mrwarp.identify.checks.shared_fit import LEAST_GROUP, RunTable, SharedFit
+from mrwarp.identify.contradictions import DRIVES, opposed, resists
 from mrwarp.identify.dataset import Motion
 from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
@@ -161,11 +162,16 @@ def _lasts(halves: np.ndarray, split: tuple[np.ndarray, np.ndarray], values: np.
 
 
 def _reversed_runs(recording: Recording, table: RunTable) -> RecordingFault | None:
+    runs = recording.trajectories
     _, fits = table.fit.factors()
-    turned = np.flatnonzero(fits < -_FITS)
+    # eq. 14 says which sign is right where friction shows it, else most runs do
+    driving = np.isin([run.id for run in runs], opposed(runs))
+    passive = np.array([resists(run.torque, run.qd) > DRIVES for run in runs])
+    turns = driving | ((fits < -_FITS) & ~passive)
+    turned = np.flatnonzero(turns)
     if not len(turned) or 2 * len(turned) >= len(fits):
         return None
-    signs = np.where(fits < -_FITS, -1.0, 1.0)
+    signs = np.where(turns, -1.0, 1.0)
     fault = _fault(recording, "torque_sign", turned, signs, "1", 1.0)
     table.take(_mended(recording, fault))
     alike = _alike(table.fit)

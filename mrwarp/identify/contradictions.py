@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
-from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, by_place, explains_nothing
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
 
@@ -24,7 +24,7 @@ _FOLLOWED = 0.02
 """Part of the torque's variance that motion and current must predict, by the plainest laws of a passive joint."""
 _BY_CURRENT = 1e-3
 """Part of it that a current which changes must add to the motion alone."""
-_DRIVES = 0.3
+DRIVES = 0.3
 """Part of the power, in size, that a torque with a turned sign gives to the motion."""
 _COPY = 1e-6
 """Part of the torque's variance that another column, times a factor, may leave if it is not a copy."""
@@ -32,6 +32,8 @@ _NOISE = 1.2
 """Ratio of the current's change from sample to sample to its spread from which it is noise: 1.41 where it is white."""
 _COIL = ("A", "V")
 """Units of a control input that is a size and acts on the torque; a flag, a load or a pressure need not."""
+_PLACE = 0.1
+"""Part of it that the mean torque at the same place must predict to belong to the motion."""
 _TURNED = 0.5
 """Part of what plain laws leave of a run's torque that they may leave at most when its sign is turned."""
 _JUMP, _BESIDE = 0.5, 0.02
@@ -165,19 +167,19 @@ def _unrelated(
 ) -> list[str]:
     """Whether the torque has a turned sign, or nothing to do with the motion, or with a current that changes."""
     qdd = np.concatenate([np.gradient(run.qd, run.dt) for run in recording.trajectories])
-    if turned := _opposed(recording.trajectories):
+    if turned := opposed(recording.trajectories):
         return [_opposed_text(recording, turned)]
     free, passive = _plain_laws(q, qd, qdd, current)
     unexplained = _left(torque, free[:2], passive[:3])
     with_current = _left(torque, free, passive)
     name, torque_name = quantity("current", recording.units), quantity("torque", recording.units)
-    if _resists(torque, qd) < -_DRIVES:
+    if resists(torque, qd) < -DRIVES:
         return [
             f"the {torque_name} drives the motion instead of resisting it: its sign, or that of the "
             f"{quantity('q', recording.units)}, is turned against eq. 14, or the motion answers to the {torque_name} "
             "as in a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
         ]
-    if with_current > 1.0 - _FOLLOWED:
+    if with_current > 1.0 - _FOLLOWED and not follows_place(recording):
         return [
             f"the {torque_name} does not follow motion or {name}: is the sensor connected, does its log belong to this "
             "motion, and did the bench prescribe it (in a log of a walking robot the motion answers to the torque)? "
@@ -193,7 +195,18 @@ def _unrelated(
     return []
 
 
-def _resists(torque: np.ndarray, qd: np.ndarray) -> float:
+def follows_place(recording: Recording) -> bool:
+    """Whether the torque comes again where the angle does, as cogging or a weight's does: it belongs to the motion."""
+    runs = recording.trajectories
+    q, torque = (np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "torque"))
+    start = np.cumsum([0, *(len(run.t) for run in runs)])
+    parts = [slice(int(a), int(b)) for a, b in zip(start[:-1], start[1:], strict=True)]
+    turn = 2.0 * np.pi if recording.units["q"] == "rad" else np.inf
+    left = [float(np.var(torque - by_place(q, torque, parts, turn, own=own))) for own in (False, True)]
+    return min(left) < (1.0 - _PLACE) * float(torque.var())
+
+
+def resists(torque: np.ndarray, qd: np.ndarray) -> float:
     """Part of the power, in size, that a torque takes from the motion; negative where it drives it.
 
     A constant load does not count, unless the motion goes one way only: then its mean is what resists.
@@ -202,13 +215,13 @@ def _resists(torque: np.ndarray, qd: np.ndarray) -> float:
     return max(float(power.sum()) / max(float(np.abs(power).sum()), 1e-300) for power in powers)
 
 
-def _opposed(runs: Sequence[Trajectory]) -> list[str]:
+def opposed(runs: Sequence[Trajectory]) -> list[str]:
     """Runs whose torque drives the motion while that of others resists it, and that are passive with the other sign."""
-    powers = [_resists(run.torque, run.qd) for run in runs]
-    if max(powers) < _DRIVES:
+    powers = [resists(run.torque, run.qd) for run in runs]
+    if max(powers) < DRIVES:
         return []
     turned = []
-    for run in (run for run, power in zip(runs, powers, strict=True) if power < -_DRIVES):
+    for run in (run for run, power in zip(runs, powers, strict=True) if power < -DRIVES):
         free, passive = _plain_laws(run.q, run.qd, np.gradient(run.qd, run.dt), run.current)
         if _left(-run.torque, free, passive) < _TURNED * _left(run.torque, free, passive):
             turned.append(run.id)

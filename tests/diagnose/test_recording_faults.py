@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.confusion.case import make_case
 from benchmarks.confusion.families import Plan
-from mrwarp.diagnose.recording_faults import recording_faults
+from mrwarp.diagnose.recording_faults import recording_faults, turned_signs
 from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.load import Recording, Trajectory, load_recording
 
@@ -197,3 +197,23 @@ def test_a_small_slow_run_of_a_curved_law_is_no_gain() -> None:
         force = force + 180.0 / (1.0 - q / 0.25) ** 1.2
         runs.append(Trajectory(id=f"run{k}", t=t, q=q, qd=v, current=np.zeros(len(t)), torque=force))
     assert recording_faults(Recording(trajectories=tuple(runs)))[1] == ()
+
+
+def test_the_run_that_drives_is_turned_and_not_the_one_that_resists() -> None:
+    """Two runs at the largest current, one of them turned: most runs say little of which, eq. 14 does."""
+    runs = []
+    for k in range(6):
+        rng, t = np.random.default_rng([7, k]), np.arange(900) * 0.005
+        q, qd = np.zeros((2, 900))
+        for _ in range(3):
+            w, phase, a = 2.0 * np.pi * rng.uniform(0.3, 1.5), rng.uniform(0.0, 6.0), rng.uniform(0.1, 0.4)
+            q, qd = q + a * np.sin(w * t + phase), qd + a * w * np.cos(w * t + phase)
+        current = np.full(900, (0.0, 0.5, 1.0)[k % 3])
+        torque = (0.1 + 0.8 * current) * np.tanh(qd / 0.1) + 0.2 * q + 0.02 * rng.normal(size=900)
+        runs.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, current=current, torque=torque))
+    for k in (2, 5):
+        turned = [replace(run, torque=-run.torque) if i == k else run for i, run in enumerate(runs)]
+        mended, fault = turned_signs(Recording(trajectories=tuple(turned)))
+        assert fault is not None and fault.trajectories == (f"run{k}",)
+        assert all((a.torque == b.torque).all() for a, b in zip(mended.trajectories, runs, strict=True))
+    assert turned_signs(Recording(trajectories=tuple(runs)))[1] is None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,7 +68,10 @@ def _reason(data: Dataset, units: Mapping[str, str], every_effect: bool) -> str:
         return (
             f"{100.0 * share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
         )
-    in_all, in_each = (_followed(rest, rest - _by_place(data, units, rest, own=own)) for own in (False, True))
+    turn = 2.0 * np.pi / data.scales.q if units["q"] == "rad" else np.inf
+    in_all, in_each = (
+        _followed(rest, rest - by_place(data.q, rest, data.parts, turn, own=own)) for own in (False, True)
+    )
     if in_all > _FOLLOWS:
         return (
             f"{100.0 * in_all:.0f} % of what they leave comes again at the same {angle} in all runs, as cogging or a "
@@ -105,10 +108,17 @@ def _beside(data: Dataset, *more: np.ndarray) -> np.ndarray:
     return data.torque - table @ np.linalg.lstsq(table, data.torque, rcond=1e-9)[0]
 
 
-def _by_place(data: Dataset, units: Mapping[str, str], rest: np.ndarray, *, own: bool) -> np.ndarray:
-    """What the mean at the same place says of a rest: in the other half of the runs, or of the ``own`` run's blocks."""
-    turn = 2.0 * np.pi / data.scales.q if units["q"] == "rad" else np.inf
-    runs, out = data.parts, np.zeros_like(rest)
+def by_place(angle: np.ndarray, rest: np.ndarray, runs: Sequence[slice], turn: float, *, own: bool) -> np.ndarray:
+    """What the mean at the same place says of a torque, or of a rest of it, shape (N,).
+
+    Args:
+        angle: Angle or displacement, shape (N,).
+        rest: The torque, shape (N,).
+        runs: The samples of each run.
+        turn: A turn in the unit of the angle; infinite for a displacement.
+        own: Whether the mean is taken in other blocks of the same run, instead of in the other half of the runs.
+    """
+    out = np.zeros_like(rest)
     groups = [[run] for run in runs] if own or len(runs) < 2 else [runs]
     for group in groups:
         at = np.concatenate([np.arange(run.start, run.stop) for run in group])
@@ -116,7 +126,7 @@ def _by_place(data: Dataset, units: Mapping[str, str], rest: np.ndarray, *, own:
             half = np.concatenate([np.full(run.stop - run.start, k % 2) for k, run in enumerate(group)])
         else:
             half = np.arange(len(at)) * _BLOCKS // len(at) % 2
-        q = data.q[at]
+        q = angle[at]
         place = q % turn if np.ptp(q) > turn else q - q.min()
         bins = int(np.clip(len(at) // _PER_BIN, *_BINS))
         index = np.minimum((place / max(float(place.max()), 1e-300) * bins).astype(int), bins - 1)

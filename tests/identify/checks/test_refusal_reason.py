@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
-from mrwarp.identify.contradictions import refuse_unexplained
+from mrwarp.identify.contradictions import contradictions, refuse_unexplained
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.fit import fit
 from mrwarp.recording.load import Recording, RecordingError, Trajectory
@@ -59,6 +59,7 @@ def test_the_true_reason_is_named(recording: Recording, words: str) -> None:
 def test_fit_and_diagnosis_share_the_criterion() -> None:
     """Cogging explains what eq. 14 does not: fit refuses and points at diagnose, which says it without the pointer."""
     recording, words = CASES["cogging"]
+    assert contradictions(recording) == []  # what comes again at its place belongs to the motion
     with pytest.raises(RecordingError, match=words):
         fit(recording)
     said = explains_nothing(0.95, Dataset.of(recording), recording.units, every_effect=True)
