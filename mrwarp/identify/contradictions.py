@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
-from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, by_place, explains_nothing
+from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, by_place, explains_nothing, hardly_moves, own_noise
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
 
@@ -167,7 +167,8 @@ def _unrelated(
 ) -> list[str]:
     """Whether the torque has a turned sign, or nothing to do with the motion, or with a current that changes."""
     qdd = np.concatenate([np.gradient(run.qd, run.dt) for run in recording.trajectories])
-    if turned := opposed(recording.trajectories):
+    runs = recording.trajectories
+    if turned := opposed(runs):
         return [_opposed_text(recording, turned)]
     free, passive = _plain_laws(q, qd, qdd, current)
     unexplained = _left(torque, free[:2], passive[:3])
@@ -179,18 +180,24 @@ def _unrelated(
             f"{quantity('q', recording.units)}, is turned against eq. 14, or the motion answers to the {torque_name} "
             "as in a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
         ]
-    if with_current > 1.0 - _FOLLOWED and not follows_place(recording):
-        return [
-            f"the {torque_name} does not follow motion or {name}: is the sensor connected, does its log belong to this "
-            "motion, and did the bench prescribe it (in a log of a walking robot the motion answers to the torque)? "
-            "Then record again"
-        ]
     varies = recording.units["current"] in _COIL and np.ptp(current) > 0.02 * np.abs(current).max()
-    if varies and unexplained - with_current < _BY_CURRENT * with_current:
+    unrelated = with_current > 1.0 - _FOLLOWED and not follows_place(recording)
+    constant = varies and unexplained - with_current < _BY_CURRENT * with_current
+    if (unrelated or constant) and (hardly := hardly_moves([run.q for run in runs], recording.units)):
+        return [hardly]
+    if unrelated:
+        noise = own_noise([run.torque for run in runs], recording.units)
+        noisy = f" and hardly rises above its own noise ({noise} from sample to sample)" if noise else ""
+        return [
+            f"the {torque_name} does not follow motion or {name}{noisy}: does the joint move beyond its play, is the "
+            "sensor connected, does its log belong to this motion, and did the bench prescribe it (in a log of a "
+            "walking robot the motion answers to the torque)? Then record again"
+        ]
+    if constant:
         return [
             f"the {torque_name} does not depend on the {name}, although that changes from {current.min():.3g} to "
-            f"{current.max():.3g} {recording.units['current']}: is the coil connected, and is it this joint's log? "
-            "Then record again"
+            f"{current.max():.3g} {recording.units['current']}: is the coil connected, is it this joint's log, and "
+            "does it move far enough to yield? Then record again"
         ]
     return []
 

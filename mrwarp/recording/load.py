@@ -243,7 +243,7 @@ def _checked_trajectories(
         label = stem if name is None else f"{stem}/{name}" if in_folder else name
         run = {key: values[rows] for key, values in columns.items()}
         if "q" in run:
-            run["q"], wraps, period = unwrapped(run["q"], units.periods())
+            run["q"], wraps, period = unwrapped(run["t"], run["q"], units.periods())
             if wraps:
                 turned = True
                 repairs.append(_unwrapped(label, wraps, period, units))

@@ -57,9 +57,16 @@ def test_only_wraps_are_unwrapped() -> None:
     spike = np.sin(t)
     spike[70] += 5.0
     for q in (3.0 * np.sin(TURN * t), np.where(t < 1.0, -2.5, 2.5), spike, 2.0 * rng.normal(size=400)):
-        assert unwrapped(q, [TURN])[1] == 0 and unwrapped(q, [TURN])[0] is q
+        assert unwrapped(t, q, [TURN])[1] == 0 and unwrapped(t, q, [TURN])[0] is q
     fast = 0.3 * TURN * np.arange(400)  # a shaft that turns by a third of a turn from sample to sample
-    np.testing.assert_allclose(unwrapped(fast % TURN, [TURN])[0], fast, atol=1e-9)
+    np.testing.assert_allclose(unwrapped(t, fast % TURN, [TURN])[0], fast, atol=1e-9)
+    # over a gap nobody knows how often it turned: the stretches go on each for itself
+    slow = 9.0 * np.sin(2.0 * t)
+    keep = np.delete(np.arange(400), np.r_[70:110, 200:202])
+    q, wraps, _ = unwrapped(t[keep], slow[keep] % TURN, [TURN])
+    assert wraps > 0
+    for part in (slice(0, 70), slice(70, None)):
+        np.testing.assert_allclose(np.diff(q[part]), np.diff(slow[keep][part]), atol=1e-9)
 
 
 def test_a_speed_without_an_angle_is_integrated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -45,18 +45,9 @@ def explains_nothing(nrmse: float, data: Dataset, units: Mapping[str, str], *, e
 def _reason(data: Dataset, units: Mapping[str, str], every_effect: bool) -> str:
     """The likeliest reason, with what to do about it."""
     angle, torque = quantity("q", units), quantity("torque", units)
-    reach = [float(np.ptp(data.q[part])) for part in data.parts]
-    noise = [_white(data.q[part]) for part in data.parts]
-    if np.median(reach) < _HARDLY * np.median(noise):
-        covered = with_unit(f"{np.median(reach) * data.scales.q:.2g}", units["q"])
-        times = np.median(reach) / np.median(noise)
-        return (
-            f"the joint hardly moves (the {angle} covers {covered}, {times:.0f} times its noise); move it by at least "
-            "ten times what it takes to make it yield, and try again"
-        )
-    rough = float(np.mean([_white(data.torque[part]) ** 2 for part in data.parts]))
-    if rough > _NOISY * float(data.torque.var()):
-        own = with_unit(f"{np.sqrt(rough) * data.scales.torque:.2g}", units["torque"])
+    if hardly := hardly_moves([data.q[part] * data.scales.q for part in data.parts], units):
+        return hardly
+    if own := own_noise([data.torque[part] * data.scales.torque for part in data.parts], units):
         return (
             f"the {torque} hardly rises above its own noise ({own} from sample to sample): move the joint further, "
             f"raise the {quantity('current', units)}, or use a sensor of a smaller range, and try again"
@@ -87,6 +78,25 @@ def _reason(data: Dataset, units: Mapping[str, str], every_effect: bool) -> str:
         "check that it was measured at this joint, that the columns belong together, and that the bench prescribed the "
         "motion; in a log of a walking robot the motion answers to the torque"
     )
+
+
+def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
+    """What to do about a joint whose angle, of each run, covers little more than its noise; else nothing."""
+    reach, noise = (float(np.median([measure(q) for q in angles])) for measure in (np.ptp, _white))
+    if reach >= _HARDLY * noise:
+        return ""
+    covered = with_unit(f"{reach:.2g}", units["q"])
+    return (
+        f"the joint hardly moves (the {quantity('q', units)} covers {covered}, {reach / noise:.0f} times its noise); "
+        "move it by at least ten times what it takes to make it yield, and try again"
+    )
+
+
+def own_noise(torques: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
+    """Noise of a torque, of each run, that is hardly more than noise; nothing if it is more."""
+    rough = float(np.mean([_white(torque) ** 2 for torque in torques]))
+    noisy = rough > _NOISY * float(np.concatenate(torques).var())
+    return with_unit(f"{np.sqrt(rough):.2g}", units["torque"]) if noisy else ""
 
 
 def _white(x: np.ndarray) -> float:
