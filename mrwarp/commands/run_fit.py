@@ -35,6 +35,7 @@ class Check(opt.LogOptions):
 
     def run(self, line: CommandLine) -> int:
         """0 when it is good to use; a RecordingError says what is wrong with it."""
+        from mrwarp.diagnose.data_checks import hindrances
         from mrwarp.identify.contradictions import contradictions
         from mrwarp.recording.description import describe, notes
         from mrwarp.recording.load import RecordingError, find_holding, load_holding, load_recording
@@ -53,13 +54,14 @@ class Check(opt.LogOptions):
         recording, beside = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
         recording, turned = _signs_turned(recording)
         wrong = contradictions(recording)
+        unproven = [f"no verdict by diagnose: {text}" for text in hindrances(recording) if text not in wrong]
         lines = describe(recording, "cannot be used" if wrong else "good")
         if beside:
             holding = load_holding(beside, recording)
             count = f"{len(holding.current)} tests at {len({*holding.current})} currents"
             unit = recording.units["torque"]
             lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({beside})")
-        print("\n".join([*lines, *(f"note: {note}" for note in [*turned, *notes(recording)])]))
+        print("\n".join([*lines, *(f"note: {note}" for note in [*turned, *notes(recording), *unproven])]))
         if wrong:
             raise RecordingError(f"{self.data}: {wrong[0]}")
         return 0
