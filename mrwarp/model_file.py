@@ -52,13 +52,18 @@ HOLDING_NOTE = (
 JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 """Units of a model that the simulator can run."""
 
+MAX_MASS = 100.0
+"""Largest mass of a device [kg]; brakes of cars have less."""
+
 MAX_UNIT = 20
 """Longest unit [characters]; units stand in messages about parameters."""
 
-_KEYS = ("schema", "units", "law", "parameters", "effects", "fitted_on", "seed", "versions")
+_KEYS = ("schema", "units", "law", "parameters", "device_mass", "effects", "fitted_on", "seed", "versions")
 _NAMES = tuple(spec.name for spec in MrParams.specs() if spec.name != "q_neutral")
 _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
-_PARAMETER_KEYS = ("value", "unit", "ci95")
+_PARAMETER_KEYS = ("value", "unit", "ci95", "source")
+_OF_OTHERS = ("q_offset", "q_center", "coil_time_constant", "coil_resistance")
+"""Numbers of bench and coil that one device does not have of another: 0 where a model does not hold them."""
 _REMEDY = "give the model.json that 'mrwarp fit' wrote"
 
 
@@ -82,6 +87,8 @@ class Parameter:
     value: float
     unit: str
     ci95: tuple[float, float] | None = None
+    source: str = ""
+    """Where it comes from, if the recording's motion does not give it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +141,8 @@ class Model:
     parameters: Mapping[str, Parameter]
     fitted_on: FittedOn
     units: Mapping[str, str] = field(default_factory=lambda: dict(JOINT_UNITS))
+    device_mass: Parameter | None = None
+    """Mass of the device [kg]; None: not known."""
     effects: tuple[Effect, ...] = ()
     """What acts beyond eqs. 14 and 15; among them at most one law that takes the place of eq. 15."""
     seed: int = 0
@@ -150,6 +159,17 @@ class Model:
         return next((effect for effect in self.effects if effect.name in HYSTERESIS), None)
 
     @property
+    def not_known(self) -> tuple[str, ...]:
+        """What a simulation needs beyond the motion that was recorded, and nobody stated."""
+        resistance, top = self.values.get("coil_resistance", 0.0), self.fitted_on.current
+        found = {
+            "coil resistance": not resistance,
+            "mass": self.device_mass is None,
+            "largest current": top is None and "current_max" not in self.parameters,
+        }
+        return tuple(name for name, missing in found.items() if missing)
+
+    @property
     def holding_measured(self) -> bool:
         """Whether the model states the holding law (eq. 18), as ``fit`` does with break-away tests."""
         return "T_max" in self.parameters
@@ -157,9 +177,10 @@ class Model:
     def to_params(self, base: MrParams | None = None, *, extrapolate: bool = False) -> MrParams:
         """The joint for the simulator.
 
-        Its largest current is the largest that was measured, unless ``base`` has a smaller one of its own: the paper's
-        1.5 A are of the paper's device. A holding law that was not measured follows from the sliding torque, see
-        :meth:`mrwarp.params.HoldParams.unmeasured`.
+        Of the bench's zero and of the coil it has what the model holds, else nothing: no lag, and a resistance that is
+        not known (0). Its largest current is the largest that was measured, unless ``base`` has a smaller one of its
+        own: the paper's 1.5 A are of the paper's device. A holding law that was not measured follows from the sliding
+        torque, see :meth:`mrwarp.params.HoldParams.unmeasured`.
 
         Args:
             base: Gives what else the model does not hold (``q_neutral``, gates, motor); None: the paper's.
@@ -174,7 +195,7 @@ class Model:
                 "fit a recording in these units, converted by the lever of the device"
             )
         try:
-            params = (base or MrParams()).replace(**self.values)
+            params = (base or MrParams()).replace(**{**dict.fromkeys(_OF_OTHERS, 0.0), **self.values})
             if self.fitted_on.current and "current_max" not in self.parameters:
                 own, top = params.coil.current_max, self.fitted_on.current[1]
                 most = max(own, top) if own == CoilParams().current_max else own
@@ -204,6 +225,7 @@ def completed(model: Model, earlier: Model) -> Model:
     return dataclasses.replace(
         model,
         parameters={**earlier.parameters, **model.parameters},
+        device_mass=model.device_mass or earlier.device_mass,
         effects=(*model.effects, *carried),
         fitted_on=dataclasses.replace(model.fitted_on, current=current),
     )
@@ -257,6 +279,11 @@ def load_model(path: str | Path) -> Model:
 def model_to_dict(model: Model) -> dict[str, Any]:
     """The content of a model file: objects, lists, texts and numbers as JSON has them."""
     content = json.loads(json.dumps({"schema": SCHEMA, **dataclasses.asdict(model)}))
+    for entry in [*content["parameters"].values(), *(p for e in content["effects"] for p in e["parameters"].values())]:
+        if not entry["source"]:
+            del entry["source"]
+    if model.device_mass is None:
+        del content["device_mass"]
     if model.law is not None:
         content["law"] = next(entry for entry in content["effects"] if entry["name"] == model.law.name)
         content["effects"].remove(content["law"])
@@ -279,7 +306,7 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     if content.get("schema") != SCHEMA:
         found = shown(content.get("schema"))
         raise ModelFileError(f"{where}: schema = {found}; allowed: {SCHEMA}; run 'mrwarp fit' again")
-    content = {"law": None, **content}
+    content = {"law": None, "device_mass": None, **content}
     checked_object(content, where, _KEYS)
     units = checked_texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
     for key, unit in units.items():
@@ -294,10 +321,18 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
         parameters={name: _parameter(name, entry, units, where) for name, entry in parameters.items()},
         fitted_on=_fitted_on(content["fitted_on"], f"{where}: fitted_on"),
         units=units,
+        device_mass=_device_mass(content["device_mass"], f"{where}: device_mass"),
         effects=_law(content["law"], units, f"{where}: law") + _effects(content["effects"], units, f"{where}: effects"),
         seed=checked_whole(content["seed"], f"{where}: seed"),
         versions=checked_texts(content["versions"], f"{where}: versions"),
     )
+
+
+def stated(model: Model, numbers: Mapping[str, Parameter]) -> Model:
+    """The model with what somebody states of its device: ``coil_resistance`` [Ohm], ``device_mass`` [kg]."""
+    values = dict(numbers)
+    mass = values.pop("device_mass", model.device_mass)
+    return dataclasses.replace(model, parameters={**model.parameters, **values}, device_mass=mass)
 
 
 def acting(effects: Iterable[Effect]) -> dict[str, dict[str, float]]:
@@ -339,11 +374,21 @@ def silent_note(effects: Iterable[Effect]) -> str:
     return f"does not act in the simulator: {'; '.join(parts)}" if parts else ""
 
 
+def not_known_note(names: Collection[str], device: str = "the device") -> str:
+    """One line on what is not known of a device; empty if nothing is missing."""
+    if not names:
+        return ""
+    return (
+        f"note: not known of {device}: {', '.join(names)}; what hangs on it is left out; state it with 'mrwarp fit "
+        "--coil-resistance R --device-mass M', or in the recording's header"
+    )
+
+
 def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Parameter:
     where = f"{file}: parameters.{key_shown(name)}"
     if name not in _NAMES:
         raise ModelFileError(f"{where}: there is no such parameter; known: {', '.join(_NAMES)}")
-    checked_object(entry, where, _PARAMETER_KEYS)
+    entry = checked_object({"source": "", **checked_mapping(entry, where)}, where, _PARAMETER_KEYS)
     spec = MrParams.spec(name) if dict(units) == JOINT_UNITS else None
     return _with_unit(entry, parameter_unit(name, units), where, spec)
 
@@ -362,7 +407,18 @@ def _with_unit(entry: dict[str, Any], expected: str | None, where: str, spec: Pa
     ci95 = checked_interval(entry["ci95"], f"{where}.ci95")
     if ci95 and not ci95[0] <= value <= ci95[1]:
         raise ModelFileError(f"{where}.ci95 = {list(ci95)} leaves out the value {value:g}; correct either")
-    return Parameter(value=value, unit=unit, ci95=ci95)
+    return Parameter(value=value, unit=unit, ci95=ci95, source=checked_text(entry["source"], f"{where}.source"))
+
+
+def _device_mass(entry: Any, where: str) -> Parameter | None:
+    """The checked entry ``device_mass``; None where there is none."""
+    if entry is None:
+        return None
+    entry = checked_object({"source": "", **checked_mapping(entry, where)}, where, _PARAMETER_KEYS)
+    found = _with_unit(entry, "kg", where)
+    if not 0.0 < found.value <= MAX_MASS:
+        raise ModelFileError(f"{where}.value = {found.value:g}; allowed: above 0, at most {MAX_MASS:g} kg")
+    return found
 
 
 def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect, ...]:
@@ -411,7 +467,7 @@ def _effect_parameter(entry: Any, spec: EffectParameter | None, units: Mapping[s
     """A checked number of an effect; a bare one has no interval."""
     expected = None if spec is None else effect_unit(spec, units)
     if isinstance(entry, dict):
-        parameter = _with_unit(checked_object(entry, where, _PARAMETER_KEYS), expected, where)
+        parameter = _with_unit(checked_object({"source": "", **entry}, where, _PARAMETER_KEYS), expected, where)
     else:
         parameter = Parameter(value=checked_number(entry, where), unit=expected or "")
     if spec is not None and not spec.allows(parameter.value):

@@ -208,7 +208,7 @@ class CoilParams(ParamGroup):
     )
     coil_resistance: float = param(
         4.0, "Ohm", 0.0, 1e4, "assumption: not in the paper; small MR brakes lie between 2 and 10",
-        "Coil resistance, used by the energy ledger only.",
+        "Coil resistance, for the coil's loss and heat; 0 = not known: what hangs on it is left out.",
     )  # fmt: skip
     current_max: float = param(1.5, "A", 0.0, 100.0, "paper section 4.1, largest current tested", "Controller limit.")
 

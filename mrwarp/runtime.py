@@ -10,6 +10,7 @@ import ctypes
 import difflib
 import io
 import logging
+import math
 import os
 import sys
 import time
@@ -250,6 +251,15 @@ def closest(word: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
     """A hint at the name that a misspelt one is nearest to; empty where none is near."""
     near = difflib.get_close_matches(word, list(known), n=1, cutoff=cutoff)
     return f"did you mean {near[0]!r}? " if near else ""
+
+
+NOT_KNOWN = "not known"
+"""What stands in a table in the place of a figure that hangs on a number that nobody measured."""
+
+
+def figure_text(value: float | None, form: str, unit: str = "") -> str:
+    """A figure in a format such as ``.1f``, with its unit; :data:`NOT_KNOWN` for none and NaN."""
+    return NOT_KNOWN if value is None or math.isnan(value) else f"{value:{form}}{unit}"
 
 
 def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> list[str]:

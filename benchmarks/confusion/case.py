@@ -16,7 +16,7 @@ from benchmarks.confusion import foreign
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Effect, true_value
 from benchmarks.confusion.levels import level_of, strength_for
 from benchmarks.confusion.motion import TRUTH_RATE, Motion, make_session
-from benchmarks.confusion.truth import Device, simulate
+from benchmarks.confusion.truth import COIL_RESISTANCE, Device, simulate
 from mrwarp.recording.differentiate import differentiate
 from mrwarp.recording.load import Recording, Trajectory
 
@@ -404,4 +404,5 @@ def _log(device: Device, motion: Motion, noise: Noise, rendering: Rendering, rng
                 qd_derived=not rendering.velocity,
             )
         )
-    return Recording(trajectories=tuple(runs), units=rendering.units, header={"made_by": "benchmarks.confusion"})
+    header = {"made_by": "benchmarks.confusion", "coil_resistance": COIL_RESISTANCE}
+    return Recording(trajectories=tuple(runs), units=rendering.units, header=header)

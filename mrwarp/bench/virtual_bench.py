@@ -179,6 +179,7 @@ def _header(cfg: BenchCfg) -> dict[str, Any]:
         "made_by": "mrwarp bench",
         "seed": cfg.seed,
         "effects": dict(cfg.effects),
+        "coil_resistance": cfg.params.coil.coil_resistance,
         "gait": "synthetic" if cfg.policy is None else cfg.policy.name,
     }
 

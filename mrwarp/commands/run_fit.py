@@ -96,6 +96,10 @@ class Fit(Options):
     """leave out trajectories by name, such as 'chirp*'"""
     skip_bad: opt.Flag = False
     """leave out files of a folder that cannot be used, by name"""
+    coil_resistance: Annotated[float | None, opt.one(opt.within(1e-3, 1e4, "Ohm"), "R")] = None
+    """resistance of the coil [Ohm] (default: the recording's header; else not known, and no power of coils is given)"""
+    device_mass: Annotated[float | None, opt.one(opt.within(1e-3, 100.0, "kg"), "M")] = None
+    """mass of the device [kg] (default: the recording's header; else not known)"""
     predict: opt.OptionalFolder = None
     """recordings that are not fitted but predicted"""
     averaged: Averaged = 0.0
@@ -127,8 +131,10 @@ class Fit(Options):
         from mrwarp.identify.fit import fit, read_holding
         from mrwarp.identify.fit_pictures import loops_picture, residual_picture
         from mrwarp.identify.law_fit import fit_law
-        from mrwarp.model_file import HOLDING_NOTE, save_model
+        from mrwarp.identify.stated import STATED, stated_numbers
+        from mrwarp.model_file import HOLDING_NOTE, not_known_note, save_model, stated
 
+        known = stated_numbers(recording, self.chosen(*STATED))
         holding = read_holding(self.data, recording, self.holding, progress)
         if self.law != "bouc_wen":
             result = fit_law(recording, self.law, holding=holding, seed=self.seed, progress=progress)
@@ -144,9 +150,12 @@ class Fit(Options):
         if self.extended:
             extended = fit_extended(recording, seed=self.seed, progress=lambda text: progress(f"extended: {text}"))
         predicted = fit_report.predictions(unseen, result, extended, self.averaged) if unseen else {}
-        save_model(fit_report.to_model(result, extended), self.out / "model.json")
+        model = stated(fit_report.to_model(result, extended), known)
+        save_model(model, self.out / "model.json")
         content = fit_report.figures(result, extended) | {
             "predicted": predicted,
+            "stated": {name: vars(number) for name, number in known.items()},
+            "not_known": model.not_known,
             "repairs": [vars(repair) for repair in recording.repairs],
         }
         write_result(self.out, content, seed=self.seed, command=str(line))
@@ -157,6 +166,8 @@ class Fit(Options):
         print("\n".join(fit_report.lines(result, extended)))
         if holding is None:
             print(f"\n{HOLDING_NOTE}")
+        if note := not_known_note(model.not_known):
+            print(f"{chr(10) if holding else ''}{note}")
         for name, errors in predicted.items():
             print(f"NRMSE of {name}: " + ", ".join(f"{key} {100 * value:.1f} %" for key, value in errors.items()))
         print(f"\nmodel.json, result.json, loops.png and residual.png in {self.out} ({progress.seconds:.0f} s)")

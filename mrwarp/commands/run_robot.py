@@ -170,6 +170,14 @@ class FitDevice(Options):
     extrapolate: opt.Flag = False
     """let coils take more current than the recordings of --model held"""
 
+    def check(self) -> None:
+        """Refuse also options that exclude each other."""
+        super().check()
+        if self.model is not None and self.remove:
+            raise ValueError("--model and --remove exclude each other")
+        if self.model is not None and self.scale is None:
+            raise ValueError("--scale limit is for the paper's device, made for a joint of 35.55 N·m; give a number")
+
     def run(self, line: CommandLine) -> int:
         """0 done, 2 on bad input."""
         from mrwarp.model_file import load_model
@@ -177,10 +185,6 @@ class FitDevice(Options):
         from mrwarp.robots.robot_table import layout_lines
         from mrwarp.usd.asset import device_lines
 
-        if self.model is not None and self.remove:
-            raise ValueError("--model and --remove exclude each other")
-        if self.model is not None and self.scale is None:
-            raise ValueError("--scale limit is for the paper's device, made for a joint of 35.55 N·m; give a number")
         model = load_model(self.model) if self.model else None
         layer = fit_device(self.robot, self.joint, model, **self.chosen("scale", "remove", "extrapolate"))
         from mrwarp.robots.write_robot import save_checked  # Newton takes seconds to load

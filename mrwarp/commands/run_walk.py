@@ -190,7 +190,7 @@ class Walk(EnergyOptions):
         from mrwarp.trials import energy_report, walk_pictures
         from mrwarp.trials.walk_trials import WalkCfg, walk
         from mrwarp.trials.walking import device_notes, task_devices
-        from mrwarp.usd.asset import most_current
+        from mrwarp.usd.asset import most_current, not_known
 
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
         cfg = WalkCfg(
@@ -215,6 +215,7 @@ class Walk(EnergyOptions):
         if self.calibrate:
             write_numbers(self.out / "numbers.json", groups)
         figures |= {"distance": self.distance, "current": cfg.current, "wall_seconds": time.perf_counter() - started}
+        figures["not_known"] = not_known(task_devices(cfg.env))
         write_result(self.out, figures, seed=self.seed, command=str(line))
         with drawing("cot.png"):
             walk_pictures.cost(figures["conditions"], self.out / "cot.png")
@@ -234,7 +235,7 @@ class Walk(EnergyOptions):
         from mrwarp.rl.policy_file import check_robot
         from mrwarp.trials import own_robot
         from mrwarp.trials.walking import limit_note
-        from mrwarp.usd.asset import device_lines, load_robot
+        from mrwarp.usd.asset import device_lines, load_robot, not_known
 
         assert self.policy is not None  # checked
         if note := check_robot(self.policy, file):
@@ -266,7 +267,7 @@ class Walk(EnergyOptions):
             "robot": Path(file).name, "conditions": rows, "savings": own_robot.savings(rows), **own_robot.figures(rows),
             "assumption": own_robot.assumption(by), "calibrated": False, "distance": self.distance,
             "scales": {name: getattr(by, name) for name in ("length", "mass", "time", "torque", "power")},
-            "numbers": described({"electrical": electrical}),
+            "numbers": described({"electrical": electrical}), "not_known": not_known(devices),
         }  # fmt: skip
         write_result(self.out, figures, seed=self.seed, command=str(line))
         with drawing("cot.png"):
@@ -337,9 +338,9 @@ class Mission(EnergyOptions):
         """0 done, 1 when a robot could not finish, 2 on bad input."""
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
         from mrwarp.trials import energy_report, walk_pictures
-        from mrwarp.trials.mission import MissionCfg
+        from mrwarp.trials.mission import MissionCfg, heat_of_devices
         from mrwarp.trials.walking import device_notes, task_devices
-        from mrwarp.usd.asset import most_current
+        from mrwarp.usd.asset import most_current, not_known
 
         started, progress = time.perf_counter(), ProgressLine(sys.stdout)
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
@@ -347,8 +348,14 @@ class Mission(EnergyOptions):
         cfg = MissionCfg(
             **same, seeds=self.trials, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg()
         )
-        cfg = replace(cfg, current=min(self.current, most_current(task_devices(cfg.env))))
+        devices = task_devices(cfg.env)
+        cfg = replace(cfg, current=min(self.current, most_current(devices)))
         of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
+        given = groups["thermal"]
+        groups["thermal"], unknown = heat_of_devices(devices, given)
+        if unknown and (self.thermal or self.feedback):
+            option, names = "--thermal" if self.thermal else "--feedback", "; ".join(unknown)
+            raise ValueError(f"{option}: how the devices of --model warm up is not known: {names}; state it")
         if self.thermal:
             return self._thermal(line, cfg, self._thermal_policies(policies), groups, progress)
         if self.ambient:
@@ -360,16 +367,21 @@ class Mission(EnergyOptions):
             raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
         for text in device_notes(cfg.env, self.current):
             print(text, flush=True)
+        if unknown:
+            print(f"note: the temperature of the devices is left out; not known: {'; '.join(unknown)}", flush=True)
         task = {**self.chosen(*TASK, "feedback"), "seeds": self.trials, "of_paper": of_paper, "current": cfg.current}
         try:
             traces, figures = energy_report.mission_figures_of(
-                cfg, policies, groups, progress, of_paper=of_paper, calibrated=self.calibrate
+                cfg, policies, groups, progress, of_paper=of_paper, calibrated=self.calibrate, fluid_known=not unknown
             )
         finally:
             progress.done()
         if self.calibrate:
             write_numbers(self.out / "numbers.json", groups)
         figures |= {"task": task, "wall_seconds": time.perf_counter() - started}
+        if not self.calibrate and groups["thermal"] != given:
+            figures["numbers"]["thermal"]["fluid_capacity"]["source"] = "the device's mass, taken as steel"
+        figures["not_known"] = [*not_known(devices), *(name.partition(" (")[0] for name in unknown if "(" in name)]
         write_result(self.out, figures, seed=self.seed, command=str(line))
         with drawing("power.png"):
             walk_pictures.mission_power(traces, self.out / "power.png")

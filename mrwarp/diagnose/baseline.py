@@ -32,6 +32,7 @@ from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
 from mrwarp.identify.parameters import LINEAR_PART, Slot, factor_of
 from mrwarp.identify.projection import Progress, search_starts
 from mrwarp.identify.replay import EffectReplay, Replay
+from mrwarp.identify.stated import coil_resistance
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory
@@ -75,8 +76,7 @@ def fit_baseline(
     A ``model`` that is known already is one more start, and its effects are part of the baseline. ``seed`` is that of
     the samples on which starts are searched; ``log`` takes a line on what is being done.
     """
-    resistance = MrParams().coil.coil_resistance if recording.units.get("current") == "A" else 0.0
-    motion = Motion.of(recording, resistance=resistance).stretches(LIMIT)
+    motion = Motion.of(recording, resistance=coil_resistance(recording, model)).stretches(LIMIT)
     scales = motion.scales
     q_zero = nominal_zero(recording, model) / scales.q
     log("eqs. 14 and 15: starts")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -35,7 +35,8 @@ from mrwarp.diagnose.search import best_single, screen_candidates
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
-from mrwarp.model_file import Model, Parameter, completed, parameter_unit
+from mrwarp.identify.stated import stated_numbers
+from mrwarp.model_file import Model, Parameter, completed, parameter_unit, stated
 from mrwarp.recording.load import Holding, Recording
 
 _TIGHTER = 0.5
@@ -176,19 +177,22 @@ def diagnose(
         seed=seed,
     )
     result = diagnosis_of(found, begun)
-    models = (_completed(x, model, holding) if x else None for x in (result.model, result.baseline_model))
+    known = stated_numbers(recording)
+    models = (_completed(x, model, holding, known) if x else None for x in (result.model, result.baseline_model))
     return replace(result, **dict(zip(("model", "baseline_model"), models, strict=True)))
 
 
-def _completed(fitted: Model, nominal: Model | None, holding: Holding | None) -> Model:
-    """A model with its holding law, and with what the nominal one knows besides."""
+def _completed(fitted: Model, nominal: Model | None, holding: Holding | None, known: Mapping[str, Parameter]) -> Model:
+    """A model with its holding law, what the nominal one knows besides, and what else is stated of the device."""
     estimates = fit_holding(holding.current, holding.torque) if holding else {}
     law = {
         name: Parameter(value=e.value, unit=parameter_unit(name, fitted.units), ci95=e.ci95)
         for name, e in estimates.items()
     }
     fitted = replace(fitted, parameters={**fitted.parameters, **law})
-    return completed(fitted, nominal) if nominal else fitted
+    model = completed(fitted, nominal) if nominal else fitted
+    held = {**model.parameters, **({"device_mass": model.device_mass} if model.device_mass else {})}
+    return stated(model, {name: number for name, number in known.items() if name not in held})
 
 
 def _candidates(problem: Problem, base: Fit, effects: Collection[str] | None) -> list[str]:

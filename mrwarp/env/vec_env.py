@@ -66,6 +66,7 @@ class WalkEnv(VecEnv):
         self.device = torch.device(cfg.sim.device)
         self.max_episode_length = cfg.episode_steps
         asset, trained = _asset(cfg)
+        _check_price(cfg, asset)
         if trained is not None and residual is not None:
             raise ValueError(f"actuator_model = {cfg.actuator_model!r} brings a learned torque; give no other residual")
         self.terrain = Terrain(cfg.terrain, self.num_envs, seed=cfg.seed) if cfg.terrain else None
@@ -284,6 +285,20 @@ class WalkEnv(VecEnv):
             self.view(plain).fill_(gain)
             if self.actuator.mr_joints:
                 self.view(self.actuator.param(name)).fill_(gain)
+
+
+def _check_price(cfg: EnvCfg, asset: RobotAsset) -> None:
+    """Refuse a price of power where what the coils take is not known: the policy would take them for free.
+
+    Raises:
+        ValueError: a device's coil has no resistance, and may be used.
+    """
+    dark = [a.joint for a in asset.actuators if a.mr and a.mr.coil.coil_resistance == 0.0]
+    if cfg.rewards.power and cfg.actuator.sal and max(cfg.currents) > 0.0 and dark:
+        raise ValueError(
+            f"--power-price {-cfg.rewards.power:g}: the coil resistance of {', '.join(dark)} is not known, so coils "
+            "would cost nothing; state it with 'mrwarp fit --coil-resistance R', or leave the price out"
+        )
 
 
 def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:

@@ -122,5 +122,6 @@ def stronger(params: MrParams, model: Model | None, factor: float) -> tuple[MrPa
             replace(effect, parameters={name: scaled(parameter) for name, parameter in effect.parameters.items()})
             for effect in model.effects
         )
-        model = replace(model, parameters=numbers, effects=effects)
+        mass = model.device_mass and replace(model.device_mass, value=factor * model.device_mass.value)
+        model = replace(model, parameters=numbers, effects=effects, device_mass=mass)
     return params.replace(**changes, coil_resistance=resistance), model

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from mrwarp import paper
 from mrwarp.energy import consistency, model_numbers
 from mrwarp.energy.power import JointLoad, battery_power
-from mrwarp.runtime import text_table
+from mrwarp.runtime import NOT_KNOWN, figure_text, text_table
 from mrwarp.trials import mission, walk_figures
 from mrwarp.trials.mission import MissionCfg, MissionTrace
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, robot_env, standing_load
@@ -74,18 +77,25 @@ def walk_figures_of(
     return found
 
 
+def walked(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Speed, power and cost of transport of a row as a table shows them; empty where no trial arrived."""
+    if not row["trials"]:
+        return "", "", ""
+    power, cot = row["power"]["mean"], row["cot"]
+    if math.isnan(power):  # of a device whose coil's resistance nobody stated
+        without = sum(value for value in row["parts"].values() if not math.isnan(value))
+        return f"{row['speed']['mean']:.3f}", f"{without:.1f} W + coils", NOT_KNOWN
+    return f"{row['speed']['mean']:.3f}", f"{power:.1f} W", f"{cot['mean']:.3f} ± {cot['sd']:.3f}"
+
+
 def walk_lines(figures: dict[str, Any]) -> list[str]:
     """The table of a walk, its calibration and what SAL saves."""
     rows = []
     for row in figures["conditions"]:
         reference, held, activation = row["paper"], row["hold_mean"], row["paper_hold_mean"]
-        ours = ("", "", "") if not row["trials"] else (
-            f"{row['speed']['mean']:.3f}", f"{row['power']['mean']:.1f} W",
-            f"{row['cot']['mean']:.3f} ± {row['cot']['sd']:.3f}",
-        )  # fmt: skip
         notes = ["calibrated"] * row["calibrated"] + [f"{why} {row[why]}" for why in ("fell", "late") if row[why]]
         rows.append((
-            paper.NAMES[row["robot"]], f"{row['payload']:g}", f"{row['command']:g}", *ours,
+            paper.NAMES[row["robot"]], f"{row['payload']:g}", f"{row['command']:g}", *walked(row),
             f"{reference['cot']:.3f} ± {reference['sd']:.3f}" if reference else "",
             f"{row['difference']['relative']:+.1%}" if reference and row["trials"] else "",
             "" if held is None or not row["trials"] else f"{held['mean']:.1%}",
@@ -98,17 +108,33 @@ def walk_lines(figures: dict[str, Any]) -> list[str]:
     if fit := figures.get("calibration"):
         bounds = "".join(f"; {name} stands at the end of its range" for name in fit["at_bound"])
         lines.append(f"\nGo1 alone gives: {fit['text']}; its five rows to {fit['rmse']:.1f} W (RMS){bounds}")
-    for row in figures.get("savings", []):
-        bound, reference, part = row["bound"], row["paper"], row["saving_by_part"]
-        lines.append(
-            f"SAL at {row['payload']:g} kg, {row['command']:g} m/s saves {row['saving']:+.1f} W "
-            f"(calves {part['copper_calves']:+.1f}, hips and thighs {part['copper_hips_thighs']:+.1f}, "
-            f"coils {part['coil']:+.1f}), COT {-row['cot_reduction']:+.1%}; holding at most "
-            f"{bound['walking_copper']:.1f} W (closed form: {bound['our_standing']:.1f} from our standing saving"
-            + (f", {bound['paper_standing']:.1f} from the paper's)" if "paper_standing" in bound else ")")
-            + (f"; paper {-reference['saving']:+.1f} W, {-reference['cot_reduction']:+.1%}" if reference else "")
-        )
+    lines += [_saving_line(row) for row in figures.get("savings", [])]
     return lines
+
+
+def _saving_line(row: Mapping[str, Any]) -> str:
+    """What SAL saves in one condition; what hangs on a coil whose resistance is not known is left out."""
+    bound, reference, part = row["bound"], row["paper"], row["saving_by_part"]
+    where = f"SAL at {row['payload']:g} kg, {row['command']:g} m/s"
+    calves, others = part["copper_calves"], part["copper_hips_thighs"]
+    most = f"holding at most {bound['walking_copper']:.1f} W"
+    if math.isnan(row["saving"]):
+        motors = sum(value for value in part.values() if not math.isnan(value))
+        return (
+            f"{where} saves {motors:+.1f} W (calves {calves:+.1f}, hips and thighs {others:+.1f}) less what the coils "
+            f"take, which is {NOT_KNOWN}; {most}"
+        )
+    return (
+        f"{where} saves {row['saving']:+.1f} W (calves {calves:+.1f}, hips and thighs {others:+.1f}, "
+        f"coils {part['coil']:+.1f}), COT {-row['cot_reduction']:+.1%}; {most} (closed form: "
+        + (
+            f"{bound['our_standing']:.1f} from our standing saving"
+            if bound["our_standing"] > 0.0
+            else "none, standing robots save nothing either"
+        )
+        + (f", {bound['paper_standing']:.1f} from the paper's)" if "paper_standing" in bound else ")")
+        + (f"; paper {-reference['saving']:+.1f} W, {-reference['cot_reduction']:+.1%}" if reference else "")
+    )
 
 
 def mission_figures_of(
@@ -119,11 +145,13 @@ def mission_figures_of(
     *,
     of_paper: bool,
     calibrated: bool,
+    fluid_known: bool = True,
 ) -> tuple[dict[str, MissionTrace], dict[str, Any]]:
     """The missions, and their figures for ``result.json``.
 
     ``of_paper``: whether the task is the paper's, whose figures of Go1 fit the numbers. Where ``calibrated``, these are
-    used, and replaced in ``groups``.
+    used, and replaced in ``groups``. ``fluid_known``: whether the devices' thermal numbers are theirs; else their
+    temperature is left out.
     """
     fitted = model_numbers.fitted_names("thermal", "battery") if calibrated else ()
 
@@ -132,7 +160,11 @@ def mission_figures_of(
         return {robot: walk_figures.mission_row(robot, trace, calibrated=own) for robot, trace in traces.items()}
 
     def run(feedback: bool) -> dict[str, MissionTrace]:
-        return {robot: mission.run(found, *groups.values(), feedback=feedback) for robot, found in phases.items()}
+        traces = {robot: mission.run(found, *groups.values(), feedback=feedback) for robot, found in phases.items()}
+        if not fluid_known:
+            for trace in traces.values():
+                trace.rise["fluid"] = np.full_like(trace.depletion, np.nan)
+        return traces
 
     phases = mission.measure(cfg, policies, progress)
     fit = cold = None
@@ -175,7 +207,8 @@ def mission_lines(figures: dict[str, Any]) -> list[str]:
                  *(row["rise"][name] for name in ("calf_walking", "calf_standby", "all"))]  # fmt: skip
         beside = ("" if cell["paper"] is None else f" ({cell['paper']:.1f})" for cell in cells)
         marks = ("*" if cell["calibrated"] else " " for cell in cells)
-        shown = (f"{c['mean']:.1f}{paper_s}{mark}" for c, paper_s, mark in zip(cells, beside, marks, strict=True))
+        shown = (f"{figure_text(c['mean'], '.1f')}{paper_s}{mark}"
+                 for c, paper_s, mark in zip(cells, beside, marks, strict=True))  # fmt: skip
         rows.append((paper.NAMES[robot], *shown))
     head = ("robot", "out [W]", "standby [W]", "back [W]", "charge [pp]",
             "calf walk [K]", "calf stand [K]", "all [K]")  # fmt: skip
@@ -191,7 +224,8 @@ def mission_lines(figures: dict[str, Any]) -> list[str]:
                 lines.append(f"{paper.NAMES[robot]}, {name}: {lost}; {counted}")
     for name, change in figures["changes"].items():
         beside = "" if change["paper"] is None else f" (paper {change['paper']:+.1%})"
-        lines.append(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {change['ours']:+.1%}{beside}")
+        ours = figure_text(change["ours"], "+.1%")
+        lines.append(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {ours}{beside}")
     if not compared:
         return lines
     check = figures["consistency"]

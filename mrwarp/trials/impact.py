@@ -21,6 +21,7 @@ from mrwarp.enums import HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.kernels.ledger import COIL
 from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
 from mrwarp.trials.power_meter import leg_channels
@@ -326,10 +327,17 @@ class _Recorder:
         """Everything sampled so far, by setting and trial."""
         env = self.env
         found = {name: torch.stack(rows, dim=1) for name, rows in self.rows.items()}
-        found |= {"ledger": env.view(env.actuator.ledger).sum(1), "fell": self.fell, "contact": contact}
+        found |= {"ledger": _entries(env), "fell": self.fell, "contact": contact}
         split = {name: x.cpu().numpy().reshape(settings, -1, *x.shape[1:]) for name, x in found.items()}
         t = np.arange(1, split["height"].shape[2] + 1) * env.sim.dt
         return ImpactTrace(t=t, legs=env.layout.leg_names, **{**split, "qpos": split["qpos"][:, 0]})
+
+
+def _entries(env: WalkEnv) -> torch.Tensor:
+    """Energy by ledger entry, summed over joints [J], shape (E, entries); coils of unknown resistance took NaN."""
+    entries, resistance = env.view(env.actuator.ledger).sum(1), env.view(env.actuator.param("coil_resistance"))
+    entries[(resistance == 0.0).any(1) & (env.current_e > 0.0), int(COIL)] = torch.nan
+    return entries
 
 
 def body_extremes(trace: ImpactTrace) -> dict[str, np.ndarray]:

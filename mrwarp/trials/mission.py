@@ -22,6 +22,7 @@ from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, robot_env, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
+from mrwarp.usd.asset import COIL, JointActuator, not_known
 from mrwarp.usd.robot import CALF_COLUMNS
 
 PHASES = ("outbound", "standby", "return")
@@ -29,6 +30,10 @@ PHASES = ("outbound", "standby", "return")
 
 SLICE = 10.0
 """Step of the temperature trace, and of the feedback on the windings [s]."""
+
+
+STEEL = 460.0
+"""Specific heat of steel [J/(kg·K)], of which a device is mostly made; handbooks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +137,26 @@ class MissionError(RuntimeError):
     """A robot did not finish a window: it fell or stood still."""
 
     exit_code = 1
+
+
+def heat_of_devices(devices: Sequence[JointActuator], heat: ThermalCfg) -> tuple[ThermalCfg, tuple[str, ...]]:
+    """Numbers of the thermal model for a robot's devices, and what is not known of how they warm up.
+
+    The defaults are assumed for the paper's device. Of another one its mass, taken as steel, gives the heat capacity;
+    the surface of its housing is stated or not known.
+    """
+    if all(a.is_paper_device for a in devices):
+        return heat, ()
+    default, missing = ThermalCfg(), [name for name in not_known(devices) if name == COIL]
+    masses = [a.model.device_mass.value for a in devices if a.model and a.model.device_mass]
+    if heat.fluid_capacity == default.fluid_capacity:
+        if len(masses) == len(devices):
+            heat = replace(heat, fluid_capacity=STEEL * float(np.mean(masses)))
+        else:
+            missing.append("heat capacity (--set fluid_capacity=J/K, or the device's mass)")
+    if heat.fluid_resistance == default.fluid_resistance:
+        missing.append("heat resistance (--set fluid_resistance=K/W)")
+    return heat, tuple(missing)
 
 
 def measure(

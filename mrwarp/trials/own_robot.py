@@ -13,7 +13,8 @@ import torch
 from mrwarp.energy.power import GO1_LIMIT, ElectricalCfg, JointLoad, battery_power, cost_of_transport
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.natural_units import Scales
-from mrwarp.runtime import panels, text_table
+from mrwarp.runtime import figure_text, panels, text_table
+from mrwarp.trials.energy_report import walked
 from mrwarp.trials.power_meter import MotionMeter, PowerMeter
 from mrwarp.trials.statistics import spread
 from mrwarp.trials.walking import Policy, lost_lines, make_env, same_starts
@@ -170,11 +171,10 @@ def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
     cells = []
     for row in rows:
         change = changes.get((row["payload"], row["command"], row["current"]))
-        shown = (f"{row['cot']['mean']:.3f} ± {row['cot']['sd']:.3f}", f"{row['power']['mean']:.1f} W",
-                 f"{row['speed']['mean']:.3f}") if row["trials"] else ("", "", "")  # fmt: skip
+        speed, power, cot = walked(row)
         cells.append((
-            f"{row['payload']:g}", f"{row['command']:g}", f"{row['current']:g} A", *shown,
-            "" if change is None else f"{change:+.1%}",
+            f"{row['payload']:g}", f"{row['command']:g}", f"{row['current']:g} A", cot, power, speed,
+            "" if change is None else figure_text(change, "+.1%"),
             "" if row["hold"] is None or not row["trials"] else f"{row['hold']['mean']:.1%}",
             "  ".join(f"{why} {row[why]}" for why in ("fell", "late") if row[why]),
         ))  # fmt: skip

@@ -73,7 +73,7 @@ class PowerMeter:
         self.counts.scatter_add_(2, bins.unsqueeze(2), on.float().unsqueeze(2).expand(-1, len(SHOWN), 1))
         if self._mr:
             device = self._device
-            self._sums["coil"] += on * self._resistance * device["current"].square()
+            self._sums["coil"] += torch.where(self.on[:, None], coil_loss(device["current"], self._resistance), 0.0)
             self._sums["friction"] += on * (-device["tau_mr"] * self._qd[:, self._mr])
             self._sums["hold"] += on * device["m_hold"]
             # without current the dynamic gate does nothing but keep the drag
@@ -108,6 +108,15 @@ class PowerMeter:
 
     def _mean(self, name: str) -> np.ndarray:
         return (self._sums[name] / self._steps.clamp(min=1.0).unsqueeze(1)).cpu().numpy()
+
+
+def coil_loss(current: torch.Tensor, resistance: torch.Tensor) -> torch.Tensor:
+    """Loss of coils [W] by current [A] and resistance [Ohm].
+
+    NaN where a current flows through a coil whose resistance, 0, is not known.
+    """
+    known = torch.where(resistance > 0.0, resistance, torch.nan).to(torch.float64)
+    return torch.where(current == 0.0, 0.0, known * current.square())
 
 
 class MotionMeter:

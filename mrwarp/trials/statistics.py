@@ -11,10 +11,9 @@ from scipy import stats
 
 
 def spread(values: np.ndarray) -> dict[str, float]:
-    """Mean and sample standard deviation, which is 0 for one value; both NaN without any."""
-    if not len(values):
-        return {"mean": float("nan"), "sd": float("nan")}
-    return {"mean": float(values.mean()), "sd": float(values.std(ddof=1)) if len(values) > 1 else 0.0}
+    """Mean and sample standard deviation, which is 0 for one value; both NaN without any, and where one is NaN."""
+    mean = float(values.mean()) if len(values) else float("nan")
+    return {"mean": mean, "sd": float(values.std(ddof=1)) if len(values) > 1 else mean - mean}
 
 
 def ratio_sd(numerator: tuple[float, float], denominator: tuple[float, float]) -> float:

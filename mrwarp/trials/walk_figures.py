@@ -196,13 +196,16 @@ def sensitivity(
 ) -> dict[str, list[dict[str, float]]]:
     """Reduction of COT per condition, with each assumed number at the ends of its range.
 
-    The coil's resistance is the asset's; its loss is taken in proportion to the nominal one.
+    The coil's resistance is the asset's; its loss is taken in proportion to the nominal one, for the paper's device,
+    whose resistance is assumed. That of another device is stated or not known.
     """
 
     def reductions(results: Sequence[WalkResult], cfg: ElectricalCfg) -> dict[str, float]:
         return {saving.name: saving.cot_reduction for saving in savings(results, cfg)}
 
     found = model_numbers.sensitivity(rows, lambda varied: reductions(results, varied), cfg)
+    if not all(r.paper_device for r in results):
+        return found
     nominal = MrParams().coil.coil_resistance
     found["coil_resistance"] = []
     for value in COIL_RESISTANCES:

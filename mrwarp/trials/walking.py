@@ -137,8 +137,12 @@ def foreign_device(actuators: Sequence[JointActuator]) -> str:
     for joint in actuators:
         if joint.mr is None or joint.is_paper_device:
             continue
-        why = ["its effects"] if joint.effects else ["a model that cannot be read"] if joint.lost else []
-        why = largest_difference(joint.mr, MrParams()) or why[0]
+        paper, own = MrParams(), joint.mr
+        alike = {"q_offset": paper.bouc_wen.q_offset, "q_center": paper.bouc_wen.q_center}  # no part of a device
+        if not own.coil.coil_resistance:
+            alike["coil_resistance"] = paper.coil.coil_resistance
+        why = "its effects" if joint.effects else "a model that cannot be read" if joint.lost else ""
+        why = largest_difference(own.replace(**alike), paper) or why or "its coil resistance is not known"
         return f"note: {joint.joint} is not the paper's device ({why}): the paper's figures are left out"
     return ""
 

@@ -14,12 +14,24 @@ from typing import Any
 import numpy as np
 from pxr import Usd
 
-from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check_effects, load_model, silent_note
+from mrwarp.model_file import (
+    HOLDING_NOTE,
+    Effect,
+    Model,
+    ModelFileError,
+    check_effects,
+    load_model,
+    not_known_note,
+    silent_note,
+)
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import LAW, PD, is_mr, plain, read_model, read_number, read_parameters
 from mrwarp.usd.robot import MR_GO, Layout
 from mrwarp.usd.robot_layout import read_layout
+
+COIL, COIL_NUMBER = "coil resistance", "coil_resistance"
+"""A number of the device, as it is called in messages and in a model."""
 
 ROBOT_SUFFIXES = (".usda", ".usdc", ".usd")
 """How a file of a robot of one's own ends."""
@@ -51,18 +63,30 @@ class JointActuator:
         return self.model is None or self.model.holding_measured
 
     @property
+    def not_known(self) -> tuple[str, ...]:
+        """Numbers of the device that nobody measured or stated; nothing without a device."""
+        if self.mr is None:
+            return ()
+        found = [name for name in (self.model.not_known if self.model else ()) if name != COIL]
+        return (*([COIL] if self.mr.coil.coil_resistance == 0.0 else []), *found)
+
+    @property
     def measured_current(self) -> tuple[float, float] | None:
         """Smallest and largest current that the device was measured with [A]; None: not known."""
         return self.model.fitted_on.current if self.model else None
 
     @property
     def is_paper_device(self) -> bool:
-        """Whether the device is the paper's, number by number: sliding, holding and coil, without effects."""
+        """Whether the device is the paper's, number by number: sliding, holding and coil, without effects.
+
+        The zeros of robot and bench are no part of it.
+        """
         if self.mr is None or self.effects or self.lost:
             return False
         values, paper = self.mr.to_dict(), MrParams()
         names = [spec.name for spec in paper.specs() if spec.group in ("BoucWenParams", "HoldParams", "CoilParams")]
-        return all(values[name] == value for name, value in paper if name in names and name != "q_neutral")
+        zeros = ("q_neutral", "q_offset", "q_center")
+        return all(values[name] == value for name, value in paper if name in names and name not in zeros)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,24 +245,35 @@ def _mr_joint(joint: str, path: str, mr: MrParams, model: Model | None, lost: st
     return JointActuator(joint=joint, prim_path=path, mr=mr, model=model, lost=lost, **gains)
 
 
+def not_known(actuators: Sequence[JointActuator]) -> list[str]:
+    """Numbers that are not known of one device or another, for ``result.json``."""
+    return list(dict.fromkeys(name for a in actuators for name in a.not_known))
+
+
 def device_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
-    """What a user is told of the devices, a line each: effects that act or do not, and what was not measured."""
+    """What a user is told of the devices, a line each: effects that act or do not, what was not measured or stated."""
     told: dict[str, list[str]] = {}
     for a in actuators:
-        if a.mr is None or a.model is None:
-            continue
-        if acting := [str(effect) for effect in a.effects if effect.acts]:
-            told.setdefault(f"effects on {{}}: {'; '.join(acting)}", []).append(a.joint)
-        if note := silent_note(a.effects):
-            told.setdefault(f"note: {note}", []).append(a.joint)
-        if not a.holding_measured:
-            top = a.mr.coil.current_max
-            torque = a.mr.hold.yield_torque(top)
-            told.setdefault(f"{HOLDING_NOTE}; {{}} yields at {torque:.3g} N·m with {top:.3g} A", []).append(a.joint)
-        if a.measured_current and a.mr.coil.current_max > a.measured_current[1]:
-            most = a.measured_current[1]
-            told.setdefault(f"warning: {{}} was measured up to {most:.4g} A; more is a guess", []).append(a.joint)
+        for line in _device_lines(a):
+            told.setdefault(line, []).append(a.joint)
     yield from (line.replace("{}", ", ".join(joints)) for line, joints in told.items())
+
+
+def _device_lines(a: JointActuator) -> Iterator[str]:
+    """The lines of one device, with ``{}`` where the joint's name belongs; none of a motor."""
+    if a.mr is not None and a.model is not None:
+        if acting := [str(effect) for effect in a.effects if effect.acts]:
+            yield f"effects on {{}}: {'; '.join(acting)}"
+        if note := silent_note(a.effects):
+            yield f"note: {note}"
+        top = a.mr.coil.current_max
+        if not a.holding_measured:
+            torque = a.mr.hold.yield_torque(top)
+            yield f"{HOLDING_NOTE}; {{}} yields at {torque:.3g} N·m with {top:.3g} A"
+        if a.measured_current and top > a.measured_current[1]:
+            yield f"warning: {{}} was measured up to {a.measured_current[1]:.4g} A; more is a guess"
+    if note := not_known_note(a.not_known, "{}"):
+        yield note
 
 
 def variant_choices(stage: Usd.Stage, name: str) -> list[str]:
@@ -343,6 +378,8 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
         mr = read_parameters(prim, file)
         try:
             held = read_model(prim, file)
+            if held.applied and COIL_NUMBER not in held.model.parameters:  # files of earlier versions: the paper's
+                mr = mr.replace(**{COIL_NUMBER: 0.0})
             return _mr_joint(joint, path, mr, held.model if held.applied else None)
         except AssetError as error:
             if prim.GetAttribute(LAW).HasAuthoredValue():  # its numbers without it would be another device

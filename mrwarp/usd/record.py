@@ -70,6 +70,8 @@ class PrimModel:
         if self.applied is None:
             return
         yield f"model: {origin(self.applied)}"
+        if self.applied.device_mass is not None:
+            yield f"device mass: {self.applied.device_mass.value:g} kg"
         for effect in self.applied.effects:
             kind = "law" if effect == self.applied.law else "effect"
             yield f"{kind}{'' if effect.acts else ' (does not act)'}: {effect}"

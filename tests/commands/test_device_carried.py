@@ -198,11 +198,12 @@ def test_unmeasured_holding_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
     legs = [a for a in asset.actuators if a.mr]
     assert not any(leg.holding_measured or leg.is_paper_device for leg in legs)
     assert legs == [a for a in with_model(load_robot(), small()).actuators if a.mr]
-    [line] = device_lines(asset.actuators)
+    line, unknown = device_lines(asset.actuators)
     assert "holding.csv" in line and "yields at 2.5 N·m with 1 A" in line
+    assert unknown.startswith("note: not known of FL_calf, FR_calf, RL_calf, RR_calf: coil resistance, mass; what")
     paper = load_robot().actuators
     assert all(a.is_paper_device and a.holding_measured for a in paper if a.mr) and list(device_lines(paper)) == []
-    assert list(device_lines(with_model(load_robot(), small(T_max=3.0)).actuators)) == []
+    assert list(device_lines(with_model(load_robot(), small(T_max=3.0)).actuators)) == [unknown]
 
 
 def test_a_holding_torque_set_by_hand_is_known(tmp_path: Path) -> None:
@@ -222,7 +223,8 @@ def test_currents_end_where_they_were_measured(tmp_path: Path) -> None:
         assert main(["asset", "apply", str(robot), path, "--out", str(out), *words]) == 0
         legs = [a for a in load_robot(out).actuators if a.mr]
         assert all(leg.mr and leg.mr.coil.current_max == most for leg in legs)
-        lines = list(device_lines(legs))
+        *lines, unknown = device_lines(legs)
+        assert "not known of" in unknown
         assert lines == ([] if most == 1.0 else [lines[0]])
         assert most == 1.0 or "measured up to 1 A; more is a guess" in lines[0]
 

@@ -191,7 +191,8 @@ def write_csv(folder: Path, runs: tuple[Trajectory, ...]) -> None:
 def test_command_writes_model_figures_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`mrwarp fit` leaves model, result and pictures, prints the table, and its model loads into the simulator."""
     write_csv(tmp_path / "data", synthetic.bench_like(13, runs=8, seconds=2.0).trajectories)
-    assert main(["fit", str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--seed", "4"]) == 0
+    words = ["--out", str(tmp_path / "out"), "--seed", "4", "--coil-resistance", "30"]
+    assert main(["fit", str(tmp_path / "data"), *words]) == 0
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"model.json", "result.json", "loops.png", "residual.png"}
     result = json.loads((tmp_path / "out/result.json").read_text())
     assert result["seed"] == 4
@@ -202,6 +203,10 @@ def test_command_writes_model_figures_and_pictures(tmp_path: Path, capsys: pytes
     assert "K1 [N·m/(rad·A)]" in said and "warning: holding was not measured" in said
     model = load_model(tmp_path / "out/model.json")
     assert not model.holding_measured and model.fitted_on.current == (0.0, 1.5)
+    stated = model.parameters["coil_resistance"]
+    assert (stated.value, stated.unit, stated.source) == (30.0, "Ohm", "given as --coil-resistance")
+    assert result["stated"]["coil_resistance"]["value"] == 30.0 and result["not_known"] == ["mass"]
+    assert params.coil.coil_resistance == 30.0 and "not known of the device: mass; what hangs on it" in said
 
 
 def test_command_refuses_bad_data_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,7 +52,7 @@ def test_the_note_names_what_changes_the_torque_most() -> None:
 
 def test_effects_make_another_device(small_brake: Path) -> None:
     """The paper's numbers with a coil that lags are not the paper's device."""
-    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
+    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n", "coil_resistance")
     values = MrParams().to_dict()
     parameters = {name: Parameter(value=values[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
     origin = FittedOn(source="bench", trajectories=1, samples=1, rate=200.0)
@@ -78,6 +78,12 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
     for row in result["conditions"]:
         assert row["paper"] is None and row["difference"] is None and row["paper_hold_mean"] is None
     assert [saving["paper"] for saving in result["savings"]] == [None]
+    off, on = result["conditions"]  # nobody stated the coil's resistance
+    assert result["not_known"] == ["coil resistance", "mass"] and shown.count("not known of FL_calf") == 1
+    assert off["power"]["mean"] > 0.0 and off["parts"]["coil"] == 0.0
+    assert on["power"]["mean"] is None and on["cot"] == {"mean": None, "sd": None} and on["parts"]["coil"] is None
+    assert on["parts"]["copper_calves"] > 0.0 and result["savings"][0]["saving"] is None
+    assert " W + coils  " in shown and "less what the coils take, which is not known" in shown and "nan" not in shown
     assert "paper" not in shown.partition("left out")[2]
 
 
@@ -102,6 +108,10 @@ def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytes
     for row in result["robots"].values():
         assert {cell["paper"] for cell in (*row["power"].values(), *row["rise"].values(), row["depletion"])} == {None}
     assert {change["paper"] for change in result["changes"].values()} == {None}
+    assert result["not_known"] == ["coil resistance", "mass", "heat capacity", "heat resistance"]
+    sal = result["robots"]["mr_go_sal"]
+    assert sal["depletion"]["mean"] is None and sal["rise"]["fluid"]["mean"] is None
+    assert sal["rise"]["calf_walking"]["mean"] > 0.0  # of the motors
     shown = capsys.readouterr().out
     assert "is not the paper's device" in shown and "(paper" not in shown
 
@@ -109,7 +119,9 @@ def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytes
     assert main(["impact", "--model", str(small_brake), *options, "--out", str(tmp_path / "impact")]) == 0
     found = json.loads((tmp_path / "impact" / "result.json").read_text())
     assert found["paper_change"] is None
-    assert [row["current"] for row in found["couplings"]["constraint"]["by_current"]] == [0.0, 0.5, 1.0]
+    rows = found["couplings"]["constraint"]["by_current"]
+    assert [row["current"] for row in rows] == [0.0, 0.5, 1.0]
+    assert rows[0]["energy"]["coil"] == 0.0 and rows[1]["energy"]["coil"] is rows[2]["energy"]["coil"] is None
     shown = capsys.readouterr().out
     assert "is not the paper's device" in shown and "(paper" not in shown
 

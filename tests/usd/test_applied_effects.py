@@ -58,10 +58,11 @@ def test_a_model_reaches_every_mr_joint(tmp_path: Path) -> None:
             assert actuator.effects == (extended.effects if actuator.mr else ())
             assert actuator.mr is None or actuator.mr.bouc_wen.K1 == 12.0
     scene = robot_scene(with_model(load_robot(), extended), SimCfg(num_envs=1))
-    acting, silent, holding = device_lines(scene.actuators)
+    acting, silent, holding, unknown = device_lines(scene.actuators)
     assert acting == "effects on FL_calf, FR_calf, RL_calf, RR_calf: coil_lag: time_constant = 0.03 s"
     assert silent == "note: does not act in the simulator: velocity_lag (of the bench's log, not of the device)"
     assert holding.startswith(HOLDING_NOTE) and "yields at 3.08 N·m with 1.5 A" in holding
+    assert unknown.startswith("note: not known of FL_calf, FR_calf, RL_calf, RR_calf: coil resistance, mass, largest")
     assert list(device_lines(load_robot().actuators)) == []
 
 
