@@ -82,8 +82,8 @@ def walked(row: Mapping[str, Any]) -> tuple[str, str, str]:
     if not row["trials"]:
         return "", "", ""
     power, cot = row["power"]["mean"], row["cot"]
-    if math.isnan(power):  # of a device whose coil's resistance nobody stated
-        without = sum(value for value in row["parts"].values() if not math.isnan(value))
+    if power is None or math.isnan(power):  # of a device whose coil's resistance nobody stated
+        without = sum(value for value in row["parts"].values() if value is not None and not math.isnan(value))
         return f"{row['speed']['mean']:.3f}", f"{without:.1f} W + coils", NOT_KNOWN
     return f"{row['speed']['mean']:.3f}", f"{power:.1f} W", f"{cot['mean']:.3f} ± {cot['sd']:.3f}"
 

@@ -84,7 +84,7 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
     assert on["power"]["mean"] is None and on["cot"] == {"mean": None, "sd": None} and on["parts"]["coil"] is None
     assert on["parts"]["copper_calves"] > 0.0 and result["savings"][0]["saving"] is None
     assert " W + coils  " in shown and "less what the coils take, which is not known" in shown and "nan" not in shown
-    assert "paper" not in shown.partition("left out")[2]
+    assert "paper" not in shown.partition("figures are left out")[2]
 
 
 def test_currents_end_at_what_the_device_takes(
