@@ -223,11 +223,12 @@ def simulate(
 
     # the hysteretic part, behind the coupling's gap: where that is open, the device stands and bears nothing
     touched = np.ones_like(q, dtype=bool)
-    if e.acts("backlash"):
+    if e.acts("series_compliance"):
+        give = e["series_compliance"], e["backlash"]
+        z, qd, touched = _behind_spring(q, *give, p.K0 + p.K1 * field, params, dt)
+    elif e.acts("backlash"):
         z, touched = _behind_gap(q, e["backlash"], p.K0 + p.K1 * field, params, dt)
         qd = np.where(touched, qd, 0.0)
-    elif e.acts("series_compliance"):
-        z, qd = _behind_spring(q, e["series_compliance"], p.K0 + p.K1 * field, params, dt)
     else:
         z = _bouc_wen_over_path(q, p.beta, p.gamma)
     direction = np.tanh(qd / 0.02)
@@ -433,23 +434,31 @@ def _behind_gap(
 
 
 def _behind_spring(
-    q: np.ndarray, compliance: float, stiffness: np.ndarray, params: MrParams, dt: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """z of eq. 15 and velocity of a device that a spring drives; by implicit steps of the shaft's velocity."""
+    q: np.ndarray, compliance: float, half_gap: float, stiffness: np.ndarray, params: MrParams, dt: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """z of eq. 15 and velocity of a device that a spring drives, and whether the play before it is closed.
+
+    By implicit steps of the shaft's velocity. A device in the open play bears nothing, and stands.
+    """
     p = params.bouc_wen
     shaft, z, v = q[0].copy(), np.zeros(q.shape[1]), np.zeros(q.shape[1])
     all_z, all_v = np.zeros_like(q), np.zeros_like(q)
+    touched = np.ones(q.shape, dtype=bool)
     for k in range(1, len(q)):
-        for _ in range(6):  # Newton: the spring bears what the device bears
+        for i in range(6 if half_gap == 0.0 else 20):  # Newton: the spring bears what the device bears
             reached = _stressed(z, v * dt, p.beta + p.gamma, p.beta - p.gamma)
             stiff = stiffness[k] / (1.0 + p.alpha * np.abs(v))
-            miss = (q[k] - shaft - v * dt) / compliance - stiff * reached - p.B * v
+            apart = q[k] - shaft - v * dt
+            pressed = apart - np.clip(apart, -half_gap, half_gap)
+            miss = pressed / compliance - stiff * reached - p.B * v
             u = np.sign(v) * reached
             slope = np.maximum(1.0 - p.beta * u - p.gamma * np.abs(u), 0.0)
-            v = v + miss / (dt / compliance + stiff * slope * dt + p.B)
+            closed = 1.0 if half_gap == 0.0 else np.abs(apart) > half_gap
+            v = v + (1.0 if i < 6 else 0.5) * miss / (closed * dt / compliance + stiff * slope * dt + p.B)
         z, shaft = _stressed(z, v * dt, p.beta + p.gamma, p.beta - p.gamma), shaft + v * dt
-        all_z[k], all_v[k] = z, v
-    return all_z, all_v
+        touched[k] = np.abs(q[k] - shaft) >= half_gap
+        all_z[k], all_v[k] = np.where(touched[k], z, 0.0), np.where(touched[k], v, 0.0)
+    return all_z, all_v, touched
 
 
 def _temperature(power: np.ndarray, current: np.ndarray, warmth: np.ndarray, params: MrParams, dt: float) -> np.ndarray:

@@ -315,7 +315,7 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     Of an acceleration that is derived from a coarse angle, what is quick is noise. The angle cannot tell: it is the
     torque of an inertia that shows which part of it was motion. Where friction turns round, the torque of a bench
     jumps, but that of a drive does not: the acceleration does. The smoother spreads that jump, so those samples of a
-    joint that sticks do not count.
+    joint that sticks, or that a drive moves against a load, do not count.
     """
     if "rotor_inertia" not in fit.effects:
         return problem
@@ -335,7 +335,8 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     if not clear or refitted.total > (1.0 - _CLEAR) * fit.total:
         best = problem
     reversing = best.motion.kinematics.reversing
-    return replace(best, weight=best.weight * ~reversing) if sticks(best) and reversing is not None else best
+    driven_by_torque = sticks(best) or best.motion.ranges.carried
+    return replace(best, weight=best.weight * ~reversing) if driven_by_torque and reversing is not None else best
 
 
 def align_clocks(problem: Problem, fit: Fit) -> Problem:

@@ -309,11 +309,12 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
             f"the joint sticks in {100 * still.mean():.0f} % of the samples while the torque of its drive changes: "
             "static friction balances whatever it is there, so they do not count"
         )
-        if reversing is not None and not found.problem.weight[reversing].any():
-            notes.append(
-                f"{100 * (reversing & ~still).mean():.0f} % of the samples are so near a start, a stop or a reversal "
-                "that the acceleration, which friction makes jump there, is not known; they do not count"
-            )
+    if reversing is not None and reversing.any() and not found.problem.weight[reversing].any():
+        moving = reversing if still is None else reversing & ~still
+        notes.append(
+            f"{100 * moving.mean():.0f} % of the samples are so near a start, a stop or a reversal "
+            "that the acceleration, which friction makes jump there, is not known; they do not count"
+        )
     if motion.kinematics.smoothing > 1.0:
         notes.append(
             f"the motion was smoothed {motion.kinematics.smoothing:g} times as much as the angle asks for: the torque "

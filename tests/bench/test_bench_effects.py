@@ -260,6 +260,22 @@ def test_a_spring_delays_the_loop_by_its_winding():
     assert (here - there).max() > 0.02 * here.max() and there[-1] == pytest.approx(here[-1], rel=1e-3)
 
 
+def test_a_spring_behind_play_unwinds_before_the_play_opens():
+    """Steep flanks: the way of a reversal is that of the open play and twice the spring's, c times the torque."""
+    steep = P.replace(B=0.0, D=0.0, I1=0.0, C=0.0, alpha=0.0, beta=400.0, gamma=0.0)
+    gap, compliance = 0.02, 1.0
+    log = run({"backlash": gap, "series_compliance": compliance}, steep)
+    q, torque = log.q[:, 0], log.torque[:, 0]
+    last = T > T[-1] - 0.8  # a whole period
+    full = np.abs(torque[last]).max()
+    for rising in (True, False):
+        side = last & ((np.gradient(q) > 0.0) == rising)
+        within = 2.0 * np.abs(np.diff(q)).max() + 2.0 / 400.0
+        assert np.ptp(q[side & (np.abs(torque) < 1e-9)]) == pytest.approx(2.0 * gap, abs=within)
+        turned = side & (np.abs(torque) < 0.9 * full)
+        assert np.ptp(q[turned]) == pytest.approx(2.0 * gap + 1.8 * compliance * full, abs=within)
+
+
 def test_breakaway_resists_at_rest_and_vanishes_with_speed():
     """Slow motion meets the given share of eq. 18; fast motion does not."""
     tau_y = P.hold.T_max / (P.hold.K**P.hold.n + 1.0)

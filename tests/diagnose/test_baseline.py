@@ -206,3 +206,8 @@ def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(s
     reversing = read.motion.kinematics.reversing
     assert reversing is not None and 0.02 < reversing.mean() < 0.4
     assert not read.weight[reversing].any() and read.weight[~reversing & ~still].all()
+    # nor do those of a joint that a drive moves against a known load, which need not rest anywhere
+    ranges = dataclasses.replace(problem.motion.ranges, load=True, carried=True)
+    loaded = problem.with_motion(dataclasses.replace(problem.motion, ranges=ranges))
+    assert not smooth_motion(loaded, recording, fit).weight[reversing].any()
+    assert smooth_motion(problem, recording, fit).weight.all()

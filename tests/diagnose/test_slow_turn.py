@@ -64,7 +64,7 @@ def test_each_line_that_predicts_is_found_through_the_lag_of_a_drive() -> None:
 
 
 def test_noise_has_no_lines() -> None:
-    """One line and noise: no second one is told."""
+    """One line and noise: no second one is found."""
     problem = posed(turned_once(lines={7: 0.3}, lag=1e-4))
     layout = problem.parameters(("cogging",), {("cogging", "periods"): 7.0 * problem.motion.scales.q})
     stiff = {"D": 0.0, "B": 0.1, "C": 0.0, "I1": 0.0, "K0": 30.0, "K1": 0.0, "alpha": 0.0, "beta": 100.0, "gamma": 0.0}
