@@ -61,6 +61,9 @@ TURNS = 4.0
 EPOCH = 1e8
 """Time [s] from which stamps count from 1970, not from the start of a recording: three years."""
 
+LARGEST = 1e20
+"""Largest number that is taken for a reading in any unit: nanoseconds since 1970 are 2e18."""
+
 _PLAUSIBLE = {
     # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
     "rad": (2.0 * np.pi, "deg"),  # a joint does not leave its middle by more than a turn
@@ -297,6 +300,9 @@ def _check_finite(table: Table) -> None:
             row = int(np.flatnonzero(~np.isfinite(values))[0])
             what = "an empty cell or NaN" if np.isnan(values[row]) else "infinity"
             raise table.refuse(f"{what} instead of a number; cut it out or record again", row=row, column=name)
+        if len(values) and (size := np.abs(values)).max() > LARGEST:
+            row = int(size.argmax())
+            raise table.refuse(f"{values[row]:.3g} is no measurement; cut it out or record again", row=row, column=name)
 
 
 def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:

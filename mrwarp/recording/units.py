@@ -17,7 +17,7 @@ from mrwarp.recording.data import DEGREES, NO_INPUT, UNITS, RecordingError
 
 _RAD, _NM = 1.0 / DEGREES, "N·m"
 _CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
-    "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), "us": (1e-6, "s"), "µs": (1e-6, "s")},
+    "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), "us": (1e-6, "s"), "µs": (1e-6, "s"), "ns": (1e-9, "s")},
     "q": {
         "rad": (1.0, "rad"),
         **dict.fromkeys(("deg", "degree", "degrees", "°"), (_RAD, "rad")),

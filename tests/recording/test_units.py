@@ -108,6 +108,14 @@ def test_a_declared_unit_is_believed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "turns in one direction: taken as a shaft that goes round" in out and "; declare" not in out
 
 
+def test_a_number_that_no_unit_explains_is_refused(tmp_path: Path) -> None:
+    """Also where the unit is declared: a damaged cell is no reading."""
+    data = columns()
+    data["torque"][17] = 1e250
+    with pytest.raises(RecordingError, match="row 18.*'torque': 1e\\+250 is no measurement"):
+        load_recording(_declared(tmp_path, data, {"torque": "N·m"}))
+
+
 def test_the_screw_drive_is_read(shared_data: Path) -> None:
     """A lead screw in declared units that turns many times."""
     folder = shared_data / "cases" / "screw_drive"
