@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
+from threadpoolctl import threadpool_limits
 
 from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
 from mrwarp.robot_logs.causes import OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
@@ -52,19 +53,22 @@ VERDICTS: dict[tuple[bool, bool], Verdict] = {
 
 
 def robot_of(log: RobotLog, robot: str | None) -> Path:
-    """The robot's description: as given, or the file beside the log that the log names.
+    """The robot's description: as given, or the file next to the log's files that the log names.
 
     Raises:
         LogError: neither is there.
     """
     if robot is not None:
         return Path(robot)
-    beside = log.path / log.robot
-    if not beside.is_file():
+    if not log.robot:
+        raise LogError(f"{log.path}: names no robot; name the description with --robot")
+    near = (log.path if log.path.is_dir() else log.path.parent) / log.robot
+    if not near.is_file():
         raise LogError(f"{log.path}: its robot, {log.robot}, does not lie beside it; name the description with --robot")
-    return beside
+    return near
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load
 def diagnose_log(
     robot: Path, log: RobotLog, *, device: str = "cpu", progress: Callable[[str], None] = lambda _: None
 ) -> RobotDiagnosis:

@@ -38,6 +38,7 @@ NOT_RUN = {
     "mrwarp diagnose runs/hidden": "reads what the command before it hides",
     "mrwarp diagnose runs/go2": "reads what the command before it made; tests/robot_logs",
     "mrwarp log import": "reads a bag of others; tests/robot_logs",
+    "mrwarp diagnose my_dataset": "reads a data set of others; tests/robot_logs",
     "mrwarp check runs/go2": "reads what the command before it made; tests/robot_logs",
     "rerun": "opens a window",
     "mrwarp verify": "minutes; tests/benchmarks/verify",

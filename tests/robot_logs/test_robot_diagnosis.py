@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.signal import savgol_filter
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from mrwarp.cli import main
 from mrwarp.resources import DEFAULT_POLICY
@@ -20,7 +21,7 @@ from mrwarp.robot_logs.evidence import Evidence, Slopes, _currents_alone, gather
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_fit import _loudest, fitted_alone, searched
-from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.robot_log import LogError, load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.selection import (
     PARTS,
@@ -85,6 +86,20 @@ def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:
     assert not np.any(d.theta)
     assert {"trunk_mass", "backlash"} <= {text.partition(":")[0] for text in d.cannot_know}
     assert d.next_experiment is not None and "walk" not in "".join((d.next_experiment.what, *d.cannot_know))
+
+
+def test_products_of_small_matrices_take_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With two, each waits for the core of the other, which replays: on a full machine they take ten times as long."""
+    seen: list[int] = []
+
+    def replay_model(*_) -> None:  # noqa: ANN002
+        seen.extend(x["num_threads"] for x in threadpool_info() if x["user_api"] == "blas")
+        raise LogError("enough")
+
+    monkeypatch.setattr(robot_diagnosis, "replay_model", replay_model)
+    with threadpool_limits(2, "blas"), pytest.raises(LogError, match="enough"):
+        diagnose_log(Path("arm.xml"), SimpleNamespace())
+    assert seen and set(seen) == {1}
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ import torch
 from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
 from mrwarp.robot_logs.forms.open_log import open_log
+from mrwarp.robot_logs.robot_diagnosis import robot_of
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
 from tests.messages import tells
 
@@ -56,6 +57,10 @@ def test_columns_are_joints_by_the_map(form: str, tmp_path: Path, capsys: pytest
     np.testing.assert_allclose(log.runs[0].joint["q_des"], Q + 0.1, atol=1e-6)
     assert ("qd" in log.runs[0].joint) == (form == "isaac")
     assert any("angles are taken in rad" in note for note in log.notes)
+    with pytest.raises(RecordingError, match="its robot, two.xml, does not lie beside it"):
+        robot_of(log, None)
+    (files / "two.xml").write_text("<mujoco/>")
+    assert robot_of(log, None) == files / "two.xml"
     assert main(["log", "import", str(files), "--out", str(tmp_path / "log")]) == 0
     np.testing.assert_allclose(load_log(tmp_path / "log").runs[0].joint["q"], Q, atol=1e-6)
     in_degrees = open_log(file, units={"q": "deg"})
