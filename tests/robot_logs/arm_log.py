@@ -78,3 +78,54 @@ def arm_log(
         lines = [",".join(names), *(",".join(f"{x:.7g}" for x in row) for row in rows)]
         (folder / f"run{run}.csv").write_text("\n".join(lines) + "\n")
     return folder
+
+
+LINKS = ((0.1, 1.5), (0.3, 1.8), (0.25, 1.2), (0.1, 0.5), (0.1, 0.4), (0.08, 0.3))
+"""Length [m] and mass [kg] of an arm of six joints."""
+
+GAINS = ((120.0, 150.0, 100.0, 40.0, 30.0, 20.0), (4.0, 5.0, 3.0, 1.0, 0.8, 0.5))
+
+
+def six_joint_log(folder: Path, *, seconds: float = 20.0, friction: float = 0.8, seed: int = 0) -> Path:
+    """Write ``arm.xml`` and a log of two runs of an arm of six joints; its third has more dry friction than described.
+
+    Args:
+        folder: Made if it is not there.
+        seconds: Length of each run.
+        friction: What the description lacks at ``j2`` [N·m].
+        seed: Of noise and motion.
+    """
+    body, joints = "", [f"j{k}" for k in range(6)]
+    for k, (length, mass) in reversed(list(enumerate(LINKS))):
+        axis = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")[k]
+        body = (
+            f'<body name="link{k}" pos="0 0 {LINKS[k - 1][0] if k else 0.05}"><joint name="j{k}" axis="{axis}" '
+            f'damping="0.1" frictionloss="{0.3 if k < 3 else 0.1}" armature="{0.05 if k < 3 else 0.01}"/>'
+            f'<geom type="capsule" size="0.03" fromto="0 0 0 0.01 0.005 {length}" mass="{mass}"/>{body}</body>'
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    geoms = '<default><geom contype="0" conaffinity="0"/></default>'
+    (folder / "arm.xml").write_text(f"<mujoco>{geoms}<worldbody>{body}</worldbody></mujoco>")
+    kp, kd = (dict(zip(joints, gains, strict=True)) for gains in GAINS)
+    header = {"robot": "arm.xml", "base": "fixed", "kp": kp, "kd": kd, "tau_is": "none"}
+    (folder / "log.json").write_text(json.dumps(header))
+    rng, home, rate = np.random.default_rng(seed), np.array([0.0, 0.5, 0.8, 0.0, 0.3, 0.0]), 0.15 + 0.06 * np.arange(6)
+    for run in range(2):
+        model = mujoco.MjModel.from_xml_path(str(folder / "arm.xml"))
+        model.opt.timestep = 2.0 * H
+        model.dof_solref[:], model.dof_solimp[:] = (0.005, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)
+        model.dof_frictionloss[2] += friction
+        data, phase, rows = mujoco.MjData(model), rng.uniform(0.0, 6.0, 6), []
+        data.qpos[:] = home
+        for k in range(round(seconds / DT)):
+            t = k * DT
+            steps = 0.15 * np.array([int(0.3 * t * (1.0 + 0.1 * i)) % 2 for i in range(6)])
+            target = home + 0.35 * np.sin(phase + np.pi * (rate + 0.05 * t) * t) + steps
+            seen = data.qpos + rng.normal(0.0, 2e-4, 6), data.qvel + rng.normal(0.0, 0.01, 6)
+            rows.append([t, *seen[0], *seen[1], *target])
+            for _ in range(round(DT / model.opt.timestep)):
+                data.qfrc_applied[:] = GAINS[0] * (target - data.qpos) - GAINS[1] * data.qvel
+                mujoco.mj_step(model, data)
+        names = ["t", *(f"{c}.{j}" for c in ("q", "qd", "q_des") for j in joints)]
+        np.savetxt(folder / f"run{run}.csv", rows, "%.7g", ",", header=",".join(names), comments="")
+    return folder

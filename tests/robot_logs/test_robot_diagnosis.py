@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,7 +40,7 @@ from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import Command, TrueRobot
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, cut_windows, held_rows
-from tests.robot_logs.arm_log import arm_log
+from tests.robot_logs.arm_log import arm_log, six_joint_log
 
 
 def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
@@ -100,6 +101,18 @@ def test_products_of_small_matrices_take_one_thread(monkeypatch: pytest.MonkeyPa
     with threadpool_limits(2, "blas"), pytest.raises(LogError, match="enough"):
         diagnose_log(Path("arm.xml"), SimpleNamespace())
     assert seen and set(seen) == {1}
+
+
+@pytest.mark.slow
+def test_an_arm_of_six_joints_takes_less_than_a_minute(tmp_path: Path) -> None:
+    """40 s of log on two threads, by the processor's time of both; dry friction of its elbow is named, and no walk."""
+    log, begun = load_log(six_joint_log(tmp_path)), time.process_time()
+    d = diagnose_log(tmp_path / "arm.xml", log)
+    assert time.process_time() - begun < 60.0
+    (cause,) = d.causes
+    assert (cause.name, cause.where) == ("coulomb_friction", "j2")
+    assert cause.parameters["torque"].value == pytest.approx(0.8, abs=0.03)
+    assert "walk" not in "".join(d.cannot_know)
 
 
 @pytest.mark.slow
