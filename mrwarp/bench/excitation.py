@@ -68,7 +68,7 @@ class Excitation:
 
 
 def fit_excitations(
-    trajectories: int, samples: int, rng: np.random.Generator, pool: CalfPool | None = None
+    trajectories: int, samples: int, rng: np.random.Generator, pool: CalfPool | None = None, *, share: float = 1.0
 ) -> list[Excitation]:
     """The fitting set: kinds in turn, at 0, 0.5, 1.0 and 1.5 A.
 
@@ -80,6 +80,7 @@ def fit_excitations(
         samples: Samples at 200 Hz of all together.
         rng: Source of all that is random.
         pool: Recorded calf motion; None takes the harmonics of :data:`CALF_HARMONICS`.
+        share: Factor on the currents.
     """
     out = []
     for k in range(trajectories):
@@ -91,15 +92,17 @@ def fit_excitations(
             q, command = _sines(_fine_time(length), rng), np.full(length, amps)
         else:
             q, command = _gait(_fine_time(length), rng, pool), amps * _on_and_off(length, rng)
-        out.append(Excitation(id=f"{k:03d}_{kind}", kind=kind, q=q, command=command))
+        out.append(Excitation(id=f"{k:03d}_{kind}", kind=kind, q=q, command=share * command))
     return out
 
 
-def evaluation_excitations(samples: int, rng: np.random.Generator, pool: CalfPool | None = None) -> list[Excitation]:
+def evaluation_excitations(
+    samples: int, rng: np.random.Generator, pool: CalfPool | None = None, *, share: float = 1.0
+) -> list[Excitation]:
     """Ten motions that are in no other set, each at 1.0, 1.2 and 1.5 A.
 
     The current is on in three sections of the motion, as in paper section 6.1: an early one, a middle one, and, when
-    the same motion runs a second time, all of it.
+    the same motion runs a second time, all of it. ``share`` is a factor on the currents.
     """
     motions: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         "gait": lambda time: _gait(time, rng, pool),
@@ -115,7 +118,7 @@ def evaluation_excitations(samples: int, rng: np.random.Generator, pool: CalfPoo
         time = _fine_time(samples)[: (samples * SUBSTEPS + 1) // 2]
         once = motions[kind](time) * _ease(time[-1] - time, 1.0)  # back at zero, where the second run starts
         q = np.concatenate([once, once])[: samples * SUBSTEPS]
-        for amps in EVALUATION_CURRENTS:
+        for amps in (share * current for current in EVALUATION_CURRENTS):
             out.append(Excitation(id=f"eval{k:02d}_{kind}_{amps:g}A", kind=kind, q=q, command=amps * on))
     return out
 

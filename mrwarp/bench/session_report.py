@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from mrwarp.bench.excitation import EVALUATION_CURRENTS
 from mrwarp.bench.virtual_bench import BenchCfg, BenchData
 from mrwarp.identify.replay import simulate
 from mrwarp.paper import FIGURE_4
-from mrwarp.params import MrParams
+from mrwarp.params import BoucWenParams, MrParams
 from mrwarp.recording.load import Recording
 from mrwarp.runtime import text_table
 
@@ -43,7 +44,7 @@ def measure(data: BenchData, cfg: BenchCfg) -> dict[str, Any]:
     figures["parts"]["evaluation"] = _ranges(data.evaluation)
     figures["plain_rmse"], figures["torque_rms"] = {}, {}
     runs = list(zip(data.evaluation.trajectories, _errors(data.evaluation, cfg.params), strict=True))
-    for current in (f"{amps:g}" for amps in EVALUATION_CURRENTS):
+    for current in (f"{cfg.share * amps:g}" for amps in EVALUATION_CURRENTS):
         own = [(error, run.torque) for run, error in runs if run.id.endswith(f"_{current}A")]
         rms = np.sqrt([[np.mean(values**2) for values in pair] for pair in own])
         for name, values in zip(("plain_rmse", "torque_rms"), rms.T, strict=True):
@@ -74,9 +75,11 @@ def lines(figures: dict[str, Any], cfg: BenchCfg) -> list[str]:
     ]
     found = [effect_table(cfg.effects), "", *text_table(("part", "trajectories", "samples", "currents [A]"), parts)]
     if "plain_rmse" in figures:
+        of_paper = cfg.params.bouc_wen == replace(BoucWenParams(), q_neutral=cfg.params.bouc_wen.q_neutral)
+        of_paper = of_paper and cfg.share == 1.0
         rows = [
             (f"{amps} A", f"{row['mean']:.3f}", f"{row['sd']:.3f}", f"{figures['torque_rms'][amps]['mean']:.3f}",
-             f"{FIGURE_4['bouc_wen'][float(amps)].mean:.3f}")
+             f"{FIGURE_4['bouc_wen'][float(amps)].mean:.3f}" if of_paper else "")
             for amps, row in figures["plain_rmse"].items()
         ]  # fmt: skip
         found += ["", "RMSE [N·m] of eq. 14 with the device's coefficients over ten evaluation trajectories"]

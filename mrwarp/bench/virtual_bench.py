@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.bench.bench_effects import LOG_DT, Drive, Effects, breakaway_torque, simulate
-from mrwarp.bench.excitation import CalfPool, Excitation, evaluation_excitations, fit_excitations
+from mrwarp.bench.excitation import FIT_CURRENTS, CalfPool, Excitation, evaluation_excitations, fit_excitations
 from mrwarp.params import MrParams
 from mrwarp.recording.load import MIN_SAMPLES, Holding, Recording, Trajectory
 from mrwarp.run_dir import no_file
@@ -67,6 +67,11 @@ class BenchCfg:
             raise ValueError(f"seed = {self.seed} must not be negative")
 
     @property
+    def share(self) -> float:
+        """Factor on the currents of the session: a device that takes less than the paper's gets the same shares."""
+        return min(1.0, self.params.coil.current_max / FIT_CURRENTS[-1])
+
+    @property
     def longest(self) -> float:
         """Length of the longest trajectory [s]."""
         return max(self.samples // self.trajectories + 1, self.evaluation_samples) * LOG_DT
@@ -82,9 +87,9 @@ class BenchData:
     """What a session recorded."""
 
     fit: Recording
-    """Trajectories at 0, 0.5, 1.0 and 1.5 A."""
+    """Trajectories at 0, 0.5, 1.0 and 1.5 A, of which a device that takes less gets :attr:`BenchCfg.share`."""
     evaluation: Recording | None
-    """Ten other motions, each at 1.0, 1.2 and 1.5 A."""
+    """Ten other motions, each at 1.0, 1.2 and 1.5 A, likewise."""
     holding: Holding
     """Break-away torques."""
 
@@ -102,7 +107,7 @@ def run_bench(
     log = progress or (lambda share, text: None)
     # separate streams: changing the noise of a session leaves its motions as they are, and the other way round
     streams = [np.random.default_rng([cfg.seed, k]) for k in range(5)]
-    fit = fit_excitations(cfg.trajectories, cfg.samples, streams[0], pool)
+    fit = fit_excitations(cfg.trajectories, cfg.samples, streams[0], pool, share=cfg.share)
     work = cfg.samples + 30 * cfg.evaluation_samples
     share = cfg.samples / work
     header = _header(cfg)
@@ -111,7 +116,7 @@ def run_bench(
     )
     evaluation = None
     if cfg.evaluation_samples:
-        excitations = evaluation_excitations(cfg.evaluation_samples, streams[2], pool)
+        excitations = evaluation_excitations(cfg.evaluation_samples, streams[2], pool, share=cfg.share)
         evaluation = record(
             excitations, cfg, streams[3], {**header, "part": "evaluation"}, (FIT_SHARE, 1.0),
             begin=LOG_DT * recorded.samples,
@@ -186,7 +191,7 @@ def _header(cfg: BenchCfg) -> dict[str, Any]:
 
 def _holding(cfg: BenchCfg, rng: np.random.Generator, header: dict[str, Any]) -> Holding:
     """Break-away tests: the motor's torque rises slowly until the joint slips, at rising currents."""
-    current = np.repeat(HOLDING_CURRENTS, HOLDING_REPEATS)
+    current = np.round(cfg.share * np.repeat(HOLDING_CURRENTS, HOLDING_REPEATS), 6)
     torque = breakaway_torque(current, cfg.effects, cfg.params, rng)
     return Holding(current=current, torque=np.round(torque, 6), header={**header, "part": "holding"})
 

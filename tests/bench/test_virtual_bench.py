@@ -10,7 +10,7 @@ import pytest
 
 from mrwarp.bench import excitation, session_report
 from mrwarp.bench.bench_effects import LOG_DT, SUBSTEPS, Effects
-from mrwarp.bench.virtual_bench import BenchCfg, run_bench
+from mrwarp.bench.virtual_bench import BenchCfg, bench_device, run_bench
 from mrwarp.cli import main
 from mrwarp.params import MrParams
 from mrwarp.recording.load import COLUMNS, load_holding, load_recording
@@ -180,3 +180,18 @@ def test_recorded_gait_that_is_too_short_is_refused():
     pool = [np.sin(np.arange(500 * SUBSTEPS) * DT)]
     with pytest.raises(ValueError, match="record a longer one"):
         excitation.fit_excitations(3, 3 * 600, np.random.default_rng(0), pool)
+
+
+def test_a_device_that_takes_less_is_recorded_with_what_flows() -> None:
+    """Of 0.9 A the same shares as of 1.5 A: no command above it, and no two currents that are one."""
+    cfg = BenchCfg(params=bench_device().replace(current_max=0.9), trajectories=12, samples=12 * 400,
+                   evaluation_samples=400)  # fmt: skip
+    data = run_bench(cfg)
+    assert data.evaluation is not None
+    constant = {float(run.current.max()) for run in data.fit.trajectories if run.id.endswith("_sine")}
+    assert sorted(constant) == pytest.approx([0.0, 0.3, 0.6, 0.9])
+    assert {run.id.rpartition("_")[2] for run in data.evaluation.trajectories} == {"0.6A", "0.72A", "0.9A"}
+    assert data.holding.current.max() == pytest.approx(0.9)
+    figures = session_report.measure(data, cfg)
+    assert list(figures["plain_rmse"]) == ["0.6", "0.72", "0.9"]
+    assert BenchCfg().share == BenchCfg(params=bench_device().replace(current_max=3.0)).share == 1.0
