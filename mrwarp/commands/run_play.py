@@ -14,7 +14,7 @@ from tyro.conf import create_mutex_group
 
 from mrwarp.enums import ACTUATORS, TERRAINS, Coupling, CurrentCommand, HoldCurrent, ZStep
 from mrwarp.options import option_types as opt
-from mrwarp.options.command_line import CommandLine
+from mrwarp.options.command_line import CommandLine, given
 from mrwarp.resources import shipped_model
 from mrwarp.run_dir import check_output, write_result
 from mrwarp.runtime import drawing
@@ -62,7 +62,7 @@ class Play(opt.RobotOptions):
     """save a picture: five instants and time series"""
     out: opt.OptionalFolder = None
     """folder for result.json, the measured figures"""
-    num_envs: Annotated[int | None, opt.one(opt.count, "N")] = None
+    num_envs: opt.Count = len(opt.CURRENTS)
     """robots (default: one with each current)"""
     current: opt.Currents = opt.CURRENTS
     """currents I_e [A], over equal groups of robots"""
@@ -105,7 +105,7 @@ class Play(opt.RobotOptions):
         """0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
         if self.agent == "sine":
             return self._sine(line)
-        player = self._prepare()
+        player = self._prepare(given(line))
         web = player.sink.web if player.sink else None
         try:
             return self._play(line, player, web)
@@ -137,8 +137,11 @@ class Play(opt.RobotOptions):
                 print(f"picture: {self.png}")
         return 0
 
-    def _prepare(self) -> Player:
-        """The player, with its viewers open; nothing is written when something is wrong."""
+    def _prepare(self, typed: set[str]) -> Player:
+        """The player, with its viewers open; nothing is written when something is wrong.
+
+        ``typed``: options that were given.
+        """
         for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
         if self.policy:
@@ -156,7 +159,9 @@ class Play(opt.RobotOptions):
         policy = OnnxPolicy(self.policy) if self.policy else None
         cfg = self._cfg(policy.description.get("task", {}) if policy else {})
         currents = taken_currents(devices_of(cfg), self.current, opt.CURRENTS)
-        env = make_env(replace(cfg, currents=currents), self.num_envs or len(currents), self.seed)
+        env = make_env(
+            replace(cfg, currents=currents), self.num_envs if "num_envs" in typed else len(currents), self.seed
+        )
         for text in device_lines(env.sim.scene.actuators):
             print(text, flush=True)
         if policy:  # it runs on the CPU
