@@ -6,6 +6,7 @@ A command is a dataclass in :mod:`mrwarp.commands`; :mod:`mrwarp.options` names 
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -34,6 +35,8 @@ def main(argv: Sequence[str] | None = None, prog: str = "") -> int:
     try:
         code = _main(list(sys.argv[1:] if argv is None else argv), prog)
         sys.stdout.flush()
+        if argv is None:  # the process ends: a last collection of what Warp's kernels left would take seconds
+            gc.freeze()
         return code
     except BrokenPipeError:  # whoever read the output has gone, as in `mrwarp ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import difflib
+import gc
 import io
 import logging
 import math
@@ -118,6 +119,22 @@ def quiet_libraries(*, gpu: bool = True, networks: bool = True) -> None:
 
         torch.set_num_threads(1)
         leave_compiler_out(torch)
+
+
+@contextlib.contextmanager
+def uncollected() -> Iterator[None]:
+    """Keep Python's garbage collector off, for seconds in which much is loaded.
+
+    Warp reads the syntax tree of every kernel when Newton and MuJoCo-Warp are imported: the collector goes through the
+    many small objects again and again, which is two fifths of the processor time of that.
+    """
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
 def leave_compiler_out(torch: Any) -> None:

@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
-from mrwarp.runtime import quiet_libraries
+from mrwarp.runtime import quiet_libraries, uncollected
 
 ANGLES = Annotated[tuple[tuple[str, float], ...], opt.some(opt.assignment, "JOINT=X")]
 POSITIVE = Annotated[tuple[tuple[str, float], ...], opt.some(partial(opt.assignment, read=opt.positive), "JOINT=X")]
@@ -65,6 +65,11 @@ class Import(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 done, 2 on bad input."""
+        with uncollected():
+            return self._import()
+
+    def _import(self) -> int:
+        """Read, understand, try out, write, show."""
         from mrwarp.robots.drives import Choices
         from mrwarp.robots.foreign import prim_pattern
         from mrwarp.robots.legs import understand
@@ -96,14 +101,15 @@ class Import(Options):
         )
         robot = read_robot(self.file, Meshes(packages=self.packages, skip=self.skip_meshes), self.base)
         understood = understand(robot, choices)
-        print(f"{self.file} is understood; trying it out in the simulation ...", flush=True)
-        from mrwarp.robots.robot_table import layout_lines
+        print(f"{self.file} is understood; loading Newton and MuJoCo-Warp takes longest, to try it out ...", flush=True)
+        from mrwarp.robots.robot_table import guess_lines, layout_lines
         from mrwarp.robots.write_robot import write_checked  # Newton takes seconds to load
 
-        quiet_libraries(gpu=False)
+        quiet_libraries(gpu=False, networks=False)
         asset = write_checked(understood, self.out, source=str(self.file))
-        print("\n".join(layout_lines(asset)))
+        print("\n".join(layout_lines(asset, guesses=False)))
         print(f"robot written: {self.out}; look at it with 'mrwarp robot show {self.out} --png robot.png'")
+        print("\n".join(guess_lines(asset)))
         return 0
 
 
@@ -187,10 +193,13 @@ class FitDevice(Options):
 
         model = load_model(self.model) if self.model else None
         layer = fit_device(self.robot, self.joint, model, **self.chosen("scale", "remove", "extrapolate"))
-        from mrwarp.robots.write_robot import save_checked  # Newton takes seconds to load
 
-        quiet_libraries(gpu=False)
-        asset = save_checked(layer, self.out or self.robot)
+        with uncollected():
+            import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive for the trial
+            from mrwarp.robots.write_robot import save_checked  # Newton takes seconds to load
+
+            quiet_libraries(gpu=False)
+            asset = save_checked(layer, self.out or self.robot)
         print("\n".join([*layout_lines(asset), *device_lines(asset.actuators)]))
         print(f"robot written: {self.out or self.robot}")
         return 0

@@ -5,13 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from mrwarp.env.cfg import EnvCfg
-from mrwarp.env.natural_units import in_natural_units
 from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.runtime import silent
 from mrwarp.usd.asset import RobotAsset
 from mrwarp.usd.open_stage import AssetError
-from mrwarp.usd.robot import MR_GO
+from mrwarp.usd.robot import FALL_HEIGHT, MR_GO, STAND_HEIGHT
 from mrwarp.usd.scene_report import label
 
 CONVERSION_DT = 0.005
@@ -47,7 +45,7 @@ def check_stance(asset: RobotAsset, scene: Scene) -> None:
     heights = ", ".join(f"{leg} {z:.3f}" for leg, z in zip(scene.layout.leg_names, soles[:, 2], strict=True))
     if np.ptp(soles[:, 2]) > LEVEL:
         raise AssetError(f"{where} the feet are not level: {heights} m from the trunk; allowed: {LEVEL} m; {remedy}")
-    least = in_natural_units(EnvCfg(), scene).fall_height
+    least = FALL_HEIGHT * (scene.stand_height / STAND_HEIGHT if own else 1.0)
     if scene.stand_height <= least:
         raise AssetError(
             f"{where} the trunk is {scene.stand_height:.3f} m high; needed: more than {least:.3g} m; {remedy}"

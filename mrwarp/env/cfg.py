@@ -25,7 +25,7 @@ from mrwarp.env.sim import SimCfg
 from mrwarp.env.terrain import TerrainCfg
 from mrwarp.model_file import Model
 from mrwarp.nn.models import LstmState
-from mrwarp.usd.robot import CURRENT_GROUPS, GAIT_FREQUENCY
+from mrwarp.usd.robot import CURRENT_GROUPS, FALL_HEIGHT, GAIT_FREQUENCY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class EnvCfg:
     randomize: RandomizeCfg | None = field(default_factory=RandomizeCfg)
     """Domain randomisation; None for the nominal robot."""
     rewards: RewardCfg = field(default_factory=RewardCfg)
-    fall_height: float = 0.16
+    fall_height: float = FALL_HEIGHT
     """The robot has fallen when its trunk is lower than this [m]."""
     fall_tilt: float = 0.9
     """Or when it leans further than this [rad]."""

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 import warp as wp
 
+import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive for assets with devices
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
 from mrwarp.actuator.residual import LearnedTorque

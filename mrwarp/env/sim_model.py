@@ -7,6 +7,7 @@ foot, the solver's options and, for the constraint coupling, the parameters of t
 from __future__ import annotations
 
 import re
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -19,7 +20,6 @@ import mujoco
 import newton
 import numpy as np
 
-import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive, so that Newton can read the asset
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
 from mrwarp.enums import Coupling
@@ -28,6 +28,10 @@ from mrwarp.usd.robot import Layout
 
 Edit = Callable[[mujoco.MjSpec], None]
 """A change to the MuJoCo specification."""
+
+DRIVE = "mrwarp.actuator.newton_drive"
+"""The module that registers the MR drive, so that Newton can read assets with devices; it loads torch, which takes
+seconds that robots without devices need not wait."""
 
 FOOT_SENSOR = "{leg}_foot_force"
 """Name of the contact sensor of a leg: net force on its foot [N]."""
@@ -162,6 +166,8 @@ def build_scene(
         edit: Changes to the MuJoCo specification before it is compiled, e.g. a body that falls on the robot; bodies and
             joints it adds must come after the robot's.
     """
+    if any(a.mr is not None for a in asset.actuators) and DRIVE not in sys.modules:
+        raise RuntimeError(f"an asset with MR devices is converted once {DRIVE} is imported, which registers them")
     if lost := [a.lost for a in asset.actuators if a.lost]:
         warnings.warn(f"simulated without effects: {lost[0]}", stacklevel=2)
     solver = solver or SolverCfg()

@@ -43,7 +43,7 @@ def read_by_newton(path: Path, add: Callable[[Any], Any], base: str | None) -> F
     """
     import newton  # it takes seconds to load
 
-    quiet_libraries(gpu=False)
+    quiet_libraries(gpu=False, networks=False)
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     try:

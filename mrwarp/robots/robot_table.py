@@ -16,8 +16,13 @@ MIRROR = 0.2
 middle."""
 
 
-def layout_lines(asset: RobotAsset) -> Iterator[str]:
-    """Trunk, legs from the trunk to the foot with stance, limits, gains and devices, joints of no leg, and notes."""
+def layout_lines(asset: RobotAsset, *, guesses: bool = True) -> Iterator[str]:
+    """Trunk, legs to the foot with stance, limits, gains and devices, joints of no leg, and what was guessed.
+
+    Args:
+        asset: The robot.
+        guesses: Whether the table ends with :func:`guess_lines`.
+    """
     layout, drives = asset.layout, {a.joint: a for a in asset.actuators}
     base = asset.stage.GetDefaultPrim().GetPath()
     total, devices = masses(asset), sum(a.mr is not None for a in asset.actuators)
@@ -68,12 +73,15 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
             f"no gates: {why} {', '.join(bare[:3])}{' and others' if bare[3:] else ''}; the coil gets its current all "
             "the time, and the device holds wherever the joint is slow"
         )
-    yield from guess_lines(asset)
+    if guesses:
+        yield from guess_lines(asset)
 
 
 def guess_lines(asset: RobotAsset) -> Iterator[str]:
     """What was guessed when the robot was imported, first what would change it most."""
-    for note in read_notes(asset.stage):
+    if notes := read_notes(asset.stage):
+        yield "guessed where the file is silent, first what would change the robot most [how good the guess is]:"
+    for note in notes:
         yield f"note: {note}"
 
 

@@ -179,7 +179,13 @@ def _refuse_external(layer: Sdf.Layer, folder: Path, seen: set[str]) -> None:
             there = target.is_file()
         except (OSError, ValueError, RuntimeError):  # too long, with a NUL, links in a circle
             raise AssetError(f"{layer.identifier}: @{name[:80]!r}@ is no file name; correct it") from None
-        if "://" in name or not target.is_relative_to(folder):
+        inside = target.is_relative_to(folder)
+        if "://" not in name and not there and (not inside or name in layer.subLayerPaths):
+            raise AssetError(
+                f"{layer.identifier}: @{name}@ is missing, there is no file {target}; put it into the asset's folder "
+                f"{folder} and name it there, or remove it"
+            )
+        if "://" in name or not inside:
             raise AssetError(f"{layer.identifier}: @{name}@ lies outside the asset's folder {folder}; copy it there")
         if not there or not Usd.Stage.IsSupportedFile(str(target)):
             continue  # what is missing is a composition error, or nobody's business

@@ -95,6 +95,9 @@ STAND_HEIGHT = 0.334
 
 Another robot's follows from its links, see ``Scene.stand_height``."""
 
+FALL_HEIGHT = 0.16
+"""Height of the shipped robot's trunk below which it has fallen [m]."""
+
 MASS = 12.6
 """Mass of the shipped robot with its devices [kg], paper section 6.4."""
 

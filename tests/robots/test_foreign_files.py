@@ -357,6 +357,18 @@ BAD_USD: dict[str, tuple[Callable[[Usd.Stage], None], tuple[str, ...]]] = {
         lambda stage: stage.GetPrimAtPath("/dog/trunk").GetReferences().AddReference("hull.usda"),
         ("hull.usda",),
     ),
+    "a layer that is missing": (
+        lambda stage: stage.GetRootLayer().subLayerPaths.append("parts/hull.usda"),
+        ("parts/hull.usda@ is missing", "put it"),
+    ),
+    "a layer that is missing elsewhere": (
+        lambda stage: stage.GetRootLayer().subLayerPaths.append("../configuration/hull.usd"),
+        ("configuration/hull.usd@ is missing", "put it into the asset's folder"),
+    ),
+    "a payload that is missing elsewhere": (
+        lambda stage: stage.GetPrimAtPath("/dog/trunk").GetPayloads().AddPayload("../hull.usd"),
+        ("../hull.usd@ is missing", "put it into the asset's folder"),
+    ),
     "mass 0": (
         lambda stage: stage.GetPrimAtPath("/dog/LF_hip").GetAttribute("physics:mass").Set(0.0),
         ("LF_hip", "mass of 0 kg"),

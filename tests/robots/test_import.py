@@ -1,5 +1,7 @@
 """A robot from MJCF to a USD file that the task takes: legs, stance, scales, devices, refusals."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +31,12 @@ def imported(file: Path, *options: str) -> RobotAsset:
     out = file.with_suffix(".usda")
     assert main(["robot", "import", str(file), "--out", str(out), "--overwrite", *options]) == 0
     return load_robot(robot=str(out))
+
+
+def test_no_network_is_loaded_for_a_plain_robot() -> None:
+    """Torch takes a third of the time of an import, and no robot without devices needs it."""
+    code = "import sys, mrwarp.robots.write_robot; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 @pytest.fixture(scope="module")
