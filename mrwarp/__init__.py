@@ -1,1 +1,56 @@
-"""mrwarp: a batched simulator of legged robots whose joints carry magnetorheological actuators."""
+"""mrwarp: identify MR and other semi-active joints from recordings, and simulate robots that have them.
+
+The names below are the public interface; each is loaded when it is first used, and its docstring has an example. What
+the package needs beyond recordings is in its extras: ``pip install 'mrwarp[sim]'``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mrwarp.actuator.joint_batch import JointBatch as JointBatch
+    from mrwarp.actuator.newton_drive import DriveMR as DriveMR
+    from mrwarp.actuator.residual import LearnedTorque as LearnedTorque
+    from mrwarp.env.cfg import EnvCfg as EnvCfg
+    from mrwarp.env.cfg import make_walk_cfg as TaskCfg
+    from mrwarp.env.vec_env import WalkEnv as WalkEnv
+    from mrwarp.model_file import Model as Model
+    from mrwarp.model_file import load_model as load_model
+    from mrwarp.model_file import save_model as save_model
+    from mrwarp.params import MrParams as MrParams
+    from mrwarp.recording.load import load_recording as load_recording
+    from mrwarp.rl.policy import OnnxPolicy as OnnxPolicy
+
+_PLACES = {
+    "DriveMR": "mrwarp.actuator.newton_drive",
+    "EnvCfg": "mrwarp.env.cfg",
+    "JointBatch": "mrwarp.actuator.joint_batch",
+    "LearnedTorque": "mrwarp.actuator.residual",
+    "Model": "mrwarp.model_file",
+    "MrParams": "mrwarp.params",
+    "OnnxPolicy": "mrwarp.rl.policy",
+    "TaskCfg": "mrwarp.env.cfg:make_walk_cfg",
+    "WalkEnv": "mrwarp.env.vec_env",
+    "load_model": "mrwarp.model_file",
+    "load_recording": "mrwarp.recording.load",
+    "save_model": "mrwarp.model_file",
+}
+"""Module of each public name, and the name there if it is another."""
+
+__all__ = sorted(_PLACES)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first asked for."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'mrwarp' has no attribute {name!r}; it has {', '.join(__all__)}")
+    module, _, other = _PLACES[name].partition(":")
+    found = getattr(importlib.import_module(module), other or name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -286,6 +286,10 @@ class MrParams:
             for spec in group.specs():
                 yield spec.name, getattr(getattr(self, key), spec.name)
 
+    def alone(self) -> Self:
+        """The device by itself, as on a bench: angles from zero, and no motor."""
+        return self.replace(q_neutral=0.0, kp_base=0.0, kp_low=0.0, kd=0.0, tau_limit=1e4)
+
     def replace(self, **changes: float) -> Self:
         """A copy with some parameters changed, checked like any other."""
         for name in changes:

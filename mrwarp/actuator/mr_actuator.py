@@ -13,13 +13,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import warp as wp
 
 from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
-from mrwarp.actuator.residual import LearnedTorque
 from mrwarp.effects.step_kernel import EffectArrays, effect_step_kernel, step_kernel
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels import ledger, mr_joint, mr_stages
@@ -30,6 +29,9 @@ from mrwarp.model_file import Effect
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import MrParams
 from mrwarp.runtime import DeviceWarning
+
+if TYPE_CHECKING:
+    from mrwarp.actuator.residual import LearnedTorque  # torch, which not every installation has
 
 
 class DrivenJoint(Protocol):

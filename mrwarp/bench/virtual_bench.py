@@ -79,7 +79,7 @@ class BenchCfg:
 
 def bench_device() -> MrParams:
     """The paper's device on a bench: angles from zero, and no motor; ``assets/usd/mr_bench.usda`` has the same."""
-    return MrParams().replace(q_neutral=0.0, kp_base=0.0, kp_low=0.0, kd=0.0, tau_limit=1e4)
+    return MrParams().alone()
 
 
 @dataclass(frozen=True, kw_only=True)
