@@ -5,7 +5,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
 
-.PHONY: run test test-slow test-mjlab lint format pins env clean
+.PHONY: run test test-slow test-mjlab lint format pins env release clean
 .DEFAULT_GOAL := test
 
 run: $(READY)
@@ -25,7 +25,7 @@ test-slow: $(READY)
 test-mjlab:
 	test -x .venv-mjlab/bin/pytest || { $(PYTHON) -m venv .venv-mjlab && .venv-mjlab/bin/python -m pip install \
 		-c <(grep -E '^(torch|safetensors)==' constraints.txt) torch mjlab==1.6.0 safetensors pytest; }
-	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest tests/integrations
+	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest tests/integrations/test_mjlab.py
 
 lint: $(READY)
 	$(PY) -m ruff check .
@@ -45,6 +45,16 @@ $(READY): pyproject.toml constraints.txt
 	$(PY) -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(PY) -m pip install -c constraints.txt -e '.[dev]'
 	touch $@
+
+# wheel and source archive in dist/, checked where nothing but the core is installed
+release: $(READY)
+	rm -rf dist && $(PY) -m hatchling build
+	$(PYTHON) -m venv --clear .venv-release
+	.venv-release/bin/python -m pip install -q -c constraints.txt dist/*.whl
+	cd dist && ../.venv-release/bin/mrwarp bench --out check --trajectories 4 --samples 3000 --evaluation-samples 0 \
+		&& ../.venv-release/bin/mrwarp check check/fit && ../.venv-release/bin/mrwarp fit check/fit --out check/model
+	rm -rf dist/check .venv-release
+	@ls -l dist; echo "upload with: python -m twine upload dist/*"
 
 # constraints.txt from what is installed, without local version tags; its heading stays
 pins: $(READY)

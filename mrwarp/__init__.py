@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from mrwarp.actuator.joint_batch import JointBatch as JointBatch
     from mrwarp.actuator.newton_drive import DriveMR as DriveMR
     from mrwarp.actuator.residual import LearnedTorque as LearnedTorque
+    from mrwarp.diagnose.in_python import diagnose_files as diagnose
     from mrwarp.env.cfg import EnvCfg as EnvCfg
     from mrwarp.env.cfg import make_walk_cfg as TaskCfg
     from mrwarp.env.vec_env import WalkEnv as WalkEnv
+    from mrwarp.identify.from_files import fit as fit
     from mrwarp.model_file import Model as Model
     from mrwarp.model_file import load_model as load_model
     from mrwarp.model_file import save_model as save_model
@@ -33,6 +35,8 @@ _PLACES = {
     "OnnxPolicy": "mrwarp.rl.policy",
     "TaskCfg": "mrwarp.env.cfg:make_walk_cfg",
     "WalkEnv": "mrwarp.env.vec_env",
+    "diagnose": "mrwarp.diagnose",
+    "fit": "mrwarp.identify.from_files",
     "load_model": "mrwarp.model_file",
     "load_recording": "mrwarp.recording.load",
     "save_model": "mrwarp.model_file",
@@ -46,8 +50,9 @@ def __getattr__(name: str) -> Any:
     """Load a public name when it is first asked for."""
     if name not in _PLACES:
         raise AttributeError(f"module 'mrwarp' has no attribute {name!r}; it has {', '.join(__all__)}")
-    module, _, other = _PLACES[name].partition(":")
-    found = getattr(importlib.import_module(module), other or name)
+    place, _, other = _PLACES[name].partition(":")
+    module = importlib.import_module(place)
+    found = module if place == f"mrwarp.{name}" else getattr(module, other or name)
     globals()[name] = found
     return found
 

@@ -136,7 +136,13 @@ class FittedOn:
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """An identified joint, or a device in other units."""
+    """An identified joint, or a device in other units: what a ``model.json`` holds.
+
+    Example:
+        >>> import mrwarp
+        >>> mrwarp.load_model("model.json").to_params().coil.current_max
+        1.5
+    """
 
     parameters: Mapping[str, Parameter]
     fitted_on: FittedOn
@@ -258,7 +264,13 @@ def _exchanged(unit: str, units: Mapping[str, str]) -> str:
 
 
 def save_model(model: Model, path: str | Path) -> Path:
-    """Write a model in one piece; every number is stored without loss."""
+    """Write a model in one piece; every number is stored without loss.
+
+    Example:
+        >>> import mrwarp
+        >>> mrwarp.save_model(mrwarp.load_model("model.json"), "copy.json").name
+        'copy.json'
+    """
     text = json.dumps(model_to_dict(model), indent=2, allow_nan=False, ensure_ascii=False)
     return write_text(Path(path), text + "\n")
 
@@ -266,6 +278,12 @@ def save_model(model: Model, path: str | Path) -> Path:
 @_of_a_model()
 def load_model(path: str | Path) -> Model:
     """Read and check a model file.
+
+    Example:
+        >>> import mrwarp
+        >>> model = mrwarp.load_model("model.json")
+        >>> model.parameters["K1"].unit
+        'N·m/(rad·A)'
 
     Raises:
         ModelFileError: the file is missing, too large, not JSON, of another schema, or one of its entries is unusable.

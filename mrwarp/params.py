@@ -224,7 +224,14 @@ _GROUPS: dict[str, type[ParamGroup]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class MrParams:
-    """All parameters of one MR joint. Defaults are the paper's MR_Go calf joint."""
+    """All parameters of one MR joint. Defaults are the paper's MR_Go calf joint.
+
+    Example:
+        >>> import mrwarp
+        >>> weaker = mrwarp.MrParams().replace(T_max=10.0)
+        >>> weaker.hold.T_max
+        10.0
+    """
 
     bouc_wen: BoucWenParams = field(default_factory=BoucWenParams)
     hold: HoldParams = field(default_factory=HoldParams)

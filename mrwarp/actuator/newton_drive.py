@@ -85,6 +85,16 @@ class _Device:
 class DriveMR(DriveBase):
     """Motor and MR device on one joint, batched over N actuators.
 
+    Example:
+        >>> import mrwarp, newton, warp as wp
+        >>> builder = newton.ModelBuilder()
+        >>> arm = builder.add_link(mass=1.0, inertia=wp.mat33(0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1))
+        >>> joint = builder.add_joint_revolute(parent=-1, child=arm, axis=(0.0, 1.0, 0.0))
+        >>> builder.add_articulation([joint])
+        >>> mrwarp.DriveMR.from_model("model.json", builder, index=builder.joint_qd_start[joint])
+        >>> len(builder.finalize(device="cpu").actuators)
+        1
+
     Args:
         coupling: How the device acts on the joint; may be changed on the object (``drive.coupling``) until the first
             step, e.g. for a drive that came from USD.

@@ -51,6 +51,13 @@ class LearnedTorque:
     (q_c, qd, current), to torques (N,), or a :class:`~mrwarp.actuator.torch_residual.CarriedNet`, which takes one
     sample and a carried state.
 
+    Example:
+        >>> import mrwarp, torch
+        >>> class Drag(torch.nn.Module):
+        ...     def forward(self, window):  # (N, 50, 3): displacement, velocity, current
+        ...         return 0.1 * window[:, -1, 1]
+        >>> env = mrwarp.WalkEnv(mrwarp.TaskCfg(num_envs=2), residual=mrwarp.LearnedTorque(Drag(), dt=0.005))
+
     An LSTM's state is carried on from step to step for all joints, open or not; a joint's first one after a reset is
     that of its history, which a reset fills with rest. With ``LstmState.WINDOW`` it is made from the last 50 samples
     at every step, for open gates only: fifty times the work (eq. 12 to the letter).

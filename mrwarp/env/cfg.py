@@ -30,7 +30,14 @@ from mrwarp.usd.robot import CURRENT_GROUPS, FALL_HEIGHT, GAIT_FREQUENCY
 
 @dataclass(frozen=True, kw_only=True)
 class EnvCfg:
-    """The walking task."""
+    """The walking task, all of it; :func:`make_walk_cfg` makes one from what is mostly chosen.
+
+    Example:
+        >>> import dataclasses, mrwarp
+        >>> cfg = dataclasses.replace(mrwarp.TaskCfg(num_envs=8), episode_seconds=5.0)
+        >>> isinstance(cfg, mrwarp.EnvCfg), cfg.episode_steps
+        (True, 250)
+    """
 
     sim: SimCfg = field(default_factory=SimCfg)
     """Physics."""
@@ -156,6 +163,11 @@ def make_walk_cfg(
     randomize: str = "all",
 ) -> EnvCfg:
     """The training task: MR joint and noise on; ``terrain`` of :data:`TERRAINS`, ``randomize`` of RANDOMIZATIONS.
+
+    Example:
+        >>> import mrwarp
+        >>> mrwarp.TaskCfg(num_envs=64, model="model.json", terrain="rough").sim.num_envs
+        64
 
     Raises:
         ValueError: a choice is unknown.

@@ -33,7 +33,14 @@ from mrwarp.usd.robot import MR_GO, CurrentShares
 
 
 class WalkEnv(VecEnv):
-    """A batch of legged robots that follow velocity commands.
+    """A batch of legged robots that follow velocity commands: an rsl-rl ``VecEnv``.
+
+    Example:
+        >>> import mrwarp, torch
+        >>> env = mrwarp.WalkEnv(mrwarp.TaskCfg(num_envs=4))
+        >>> observations, reward, done, extras = env.step(torch.zeros(4, env.num_actions))
+        >>> observations["actor"].shape[0], reward.shape
+        (4, torch.Size([4]))
 
     Args:
         cfg: The task, in numbers of the shipped robot; ``env.cfg`` has them in proportion to its own.

@@ -80,6 +80,12 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
 
     Time stamps are put on an even grid and long gaps split a trajectory; ``Recording.repairs`` says where.
 
+    Example:
+        >>> import mrwarp
+        >>> recording = mrwarp.load_recording("recordings")
+        >>> recording.units["torque"], recording.trajectories[0].q.shape
+        ('N·m', (750,))
+
     Args:
         path: The file or folder.
         skip_bad: Leave files of a folder out, by name, that would be refused.

@@ -45,6 +45,14 @@ class OnnxPolicy:
     instead, once both agree: on the observations' device, and with the bits that the actor has in training, which
     ``onnxruntime`` misses by a rounding that contacts amplify.
 
+    Example:
+        >>> import mrwarp
+        >>> from mrwarp.resources import DEFAULT_POLICY
+        >>> policy = mrwarp.OnnxPolicy(DEFAULT_POLICY)
+        >>> env = mrwarp.WalkEnv(mrwarp.TaskCfg(num_envs=2))
+        >>> policy(env.get_observations()).shape
+        torch.Size([2, 12])
+
     Args:
         path: A file that :func:`export_onnx` wrote.
 

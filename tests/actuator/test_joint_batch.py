@@ -1,0 +1,110 @@
+"""JointBatch: the simulator's joint without a robot, in and out as NumPy, torch or Warp."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from mrwarp.actuator.joint_batch import JointBatch
+from mrwarp.bench.bench_effects import Effects
+from mrwarp.bench.virtual_bench import BenchCfg, run_bench
+from mrwarp.identify.replay import simulate
+from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit
+from mrwarp.params import MrParams
+
+DT = 0.005
+
+
+def motion(steps: int, shape: tuple[int, ...], seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles, velocities and currents, time first."""
+    rng = np.random.default_rng(seed)
+    t = DT * np.arange(steps).reshape(-1, *[1] * len(shape))
+    w, a = rng.uniform(3.0, 9.0, shape), rng.uniform(0.1, 0.5, shape)
+    current = np.broadcast_to(rng.uniform(0.0, 1.5, shape), (steps, *shape))
+    return a * np.sin(w * t), a * w * np.cos(w * t), current
+
+
+def brake(**values: float) -> Model:
+    """A model file's content: the paper's numbers but for these, with a coil that lags and a rotor."""
+    known = {**MrParams().to_dict(), **values}
+    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
+    parameters = {name: Parameter(value=known[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
+    effects = (make_effect("coil_lag", {"time_constant": 0.02}), make_effect("rotor_inertia", {"inertia": 0.01}))
+    return Model(parameters=parameters, fitted_on=FittedOn(source="x", trajectories=1, samples=1, rate=200.0), effects=effects)
+
+
+def test_it_gives_the_torque_of_the_replay() -> None:
+    """Step by step along a recording it is what identification simulates with the exact step, to float32 rounding."""
+    cfg = BenchCfg(trajectories=3, samples=1500, evaluation_samples=0, effects=Effects.defaults(0.0))
+    run = run_bench(cfg).fit
+    params = {**MrParams().to_dict(), "q_neutral": 0.0}
+    for trajectory, wanted in zip(run.trajectories, simulate(params, run, exact=True, substeps=0), strict=True):
+        joint = JointBatch(dt=DT)
+        got = [
+            joint.step(*(np.array([x[k]]) for x in (trajectory.q, trajectory.qd, trajectory.current)))[0]
+            for k in range(len(wanted))
+        ]
+        scale = np.abs(wanted).max()
+        np.testing.assert_allclose(got, wanted, rtol=0.0, atol=64 * np.finfo(np.float32).eps * scale)
+
+
+def test_numpy_torch_and_warp_give_the_same_bits() -> None:
+    """What goes in comes out, shape (N,) and (N, joints); a joint of a batch is the joint alone."""
+    q, qd, current = motion(30, (3, 4))
+    model = brake(K1=7.0)
+    batches = {kind: JointBatch(model, 3, joints=4, dt=DT) for kind in ("numpy", "torch", "warp")}
+    alone = JointBatch(model, dt=DT)
+    assert alone.inertia == pytest.approx(0.01)
+    out = np.zeros((3, 4), dtype=np.float32)
+    for k in range(30):
+        found = batches["numpy"].step(q[k], qd[k], current[k])
+        in_torch = batches["torch"].step(*(torch.from_numpy(x[k].copy()) for x in (q, qd, current)))
+        in_warp = batches["warp"].step(*(wp.array(x[k], dtype=float, device="cpu") for x in (q, qd, current)))
+        single = alone.step(*(x[k, 1, 2:3] for x in (q, qd, current)), out=out[0, :1])
+        assert isinstance(in_torch, torch.Tensor) and isinstance(in_warp, wp.array)
+        np.testing.assert_array_equal(in_torch.numpy(), found)
+        np.testing.assert_array_equal(in_warp.numpy(), found)
+        assert single[0] == out[0, 0] == found[1, 2]
+    assert found.shape == (3, 4) and np.abs(found).min() > 1e-3
+
+
+def test_reset_and_state_leave_the_other_joints_alone() -> None:
+    """A masked reset: the others keep every bit, the reset ones begin again; a restored batch goes on bit-equal."""
+    q, qd, current = motion(60, (4,), seed=1)
+    model = brake()
+    plain, reset, restored = (JointBatch(model, 4, dt=DT) for _ in range(3))
+    for k in range(40):
+        for batch in (plain, reset):
+            batch.step(q[k], qd[k], current[k])
+    restored.load_state(plain.state())
+    reset.reset(np.array([False, True, False, False]))
+    fresh = JointBatch(model, 4, dt=DT)
+    for k in range(40, 60):
+        wanted = plain.step(q[k], qd[k], current[k])
+        np.testing.assert_array_equal(restored.step(q[k], qd[k], current[k]), wanted)
+        got, new = reset.step(q[k], qd[k], current[k]), fresh.step(q[k], qd[k], current[k])
+        np.testing.assert_array_equal(got[[0, 2, 3]], wanted[[0, 2, 3]])
+        assert got[1] == new[1] != wanted[1]
+
+
+def test_the_bound_is_the_yield_torque_at_rest_and_the_torque_while_sliding() -> None:
+    """Eq. 18 below eps_hold, the magnitude of the torque above it; a weaker coil's current is cut."""
+    model = replace(brake(), effects=())
+    joints = JointBatch(model.to_params().replace(current_max=0.5), 3, dt=DT)
+    torque = joints.step(0.0, np.array([0.0, 3.0, -3.0]), 1.5)
+    hold = MrParams().hold
+    held = hold.T_max * 0.5**hold.n / (hold.K**hold.n + 0.5**hold.n)
+    np.testing.assert_allclose(joints.bound(), [held, torque[1], -torque[2]], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"), [({"num": 0}, "num = 0 must be at least 1"), ({"dt": float("nan")}, "dt = nan s")]
+)
+def test_nonsense_is_refused(changed: dict, said: str) -> None:
+    """Counts and steps that cannot be, and arrays of another shape."""
+    with pytest.raises(ValueError, match=said):
+        JointBatch(**{"num": 2, "dt": DT, **changed})
+    with pytest.raises(ValueError, match=r"qd has shape \(3,\), need \(2,\)"):
+        JointBatch(num=2, dt=DT).step(np.zeros(2), np.zeros(3), 0.0)

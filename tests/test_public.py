@@ -1,0 +1,65 @@
+"""The public interface: a list that changes only on purpose, loaded on use, with examples that run."""
+
+import doctest
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mrwarp
+
+NAMES = [
+    "DriveMR", "EnvCfg", "JointBatch", "LearnedTorque", "Model", "MrParams", "OnnxPolicy", "TaskCfg", "WalkEnv",
+    "diagnose", "fit", "load_model", "load_recording", "save_model",
+]  # fmt: skip
+"""What users import. A name that goes, or changes its meaning, is a break for them: say so in the changelog."""
+
+MOST = 40
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where examples run: a folder of recordings, and a model fitted to them."""
+    from mrwarp.bench.bench_effects import Effects
+    from mrwarp.bench.virtual_bench import BenchCfg, run_bench
+    from mrwarp.recording.write import save_recording
+
+    made = tmp_path_factory.mktemp("examples")
+    cfg = BenchCfg(trajectories=4, samples=3000, evaluation_samples=0, seed=3, effects=Effects.defaults(0.0))
+    save_recording(run_bench(cfg).fit, made / "recordings")
+    mrwarp.save_model(mrwarp.fit(made / "recordings").model, made / "model.json")
+    return made
+
+
+def test_the_list_is_what_users_know() -> None:
+    """At most forty names, and none that is not listed here."""
+    assert mrwarp.__all__ == NAMES == dir(mrwarp) and len(NAMES) <= MOST
+    with pytest.raises(AttributeError, match="no attribute 'JointBach'; it has DriveMR"):
+        mrwarp.JointBach  # noqa: B018
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_example_in_the_docstring_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every public name has one, and it prints what it says."""
+    monkeypatch.chdir(folder)
+    found = getattr(mrwarp, name)
+    text = inspect.getdoc(type(found).__call__ if inspect.ismodule(found) else found) or ""
+    example = doctest.DocTestParser().get_doctest(text, {}, name, None, 0)
+    assert example.examples, f"mrwarp.{name} has no example"
+    said: list[str] = []
+    doctest.DocTestRunner(verbose=False).run(example, out=said.append)
+    assert not said, "".join(said)
+
+
+def test_nothing_is_loaded_before_it_is_used() -> None:
+    """``import mrwarp`` costs nothing: no NumPy, no Warp, no engine."""
+    script = "import sys, mrwarp; print(*sorted({'numpy', 'warp', 'torch', 'newton', 'scipy'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_it_is_typed() -> None:
+    """Type checkers read the package's annotations."""
+    assert (Path(mrwarp.__file__).parent / "py.typed").is_file()
