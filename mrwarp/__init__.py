@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from mrwarp.actuator.joint_batch import JointBatch as JointBatch
     from mrwarp.actuator.newton_drive import DriveMR as DriveMR
     from mrwarp.actuator.residual import LearnedTorque as LearnedTorque
-    from mrwarp.diagnose.in_python import diagnose_files as diagnose
+    from mrwarp.diagnose.in_python import diagnose_files as diagnose  # noqa: F401
     from mrwarp.env.cfg import EnvCfg as EnvCfg
-    from mrwarp.env.cfg import make_walk_cfg as TaskCfg
+    from mrwarp.env.cfg import make_walk_cfg as TaskCfg  # noqa: F401
     from mrwarp.env.vec_env import WalkEnv as WalkEnv
     from mrwarp.identify.from_files import fit as fit
     from mrwarp.model_file import Model as Model

@@ -18,6 +18,9 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 MAX_DIRECT = 10
 """Direct dependencies of the core."""
 
+MAX_BYTES = 800e6
+"""What the core takes with all that it depends on, unpacked; Warp is half of it."""
+
 
 def closure(requirements: list[str]) -> dict[str, importlib.metadata.Distribution]:
     """Installed distributions that requirements need here, without extras, by name."""
@@ -57,7 +60,10 @@ def run(core: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[st
 def test_the_core_is_small() -> None:
     """Few direct dependencies, and none of the heavy engines among what they bring."""
     assert len(PROJECT["dependencies"]) <= MAX_DIRECT
-    heavy = {"torch", "newton", "rerun-sdk", "rsl-rl-lib", "onnx", "onnxruntime", "mujoco", "usd-core", "pandas"}
+    brought = closure(PROJECT["dependencies"]).values()
+    files = [Path(str(d.locate_file(file))) for d in brought for file in d.files or [] if file.suffix != ".pyc"]
+    assert sum(path.stat().st_size for path in files if path.is_file()) <= MAX_BYTES
+    heavy = {"torch", "newton", "rerun-sdk", "rsl-rl-lib", "onnx", "onnxruntime", "mujoco", "usd-core", "pyarrow"}
     assert not heavy & closure(PROJECT["dependencies"]).keys()
 
 

@@ -126,7 +126,9 @@ class JointBatch:
         if mask is None:
             self._fresh = True
             return
-        chosen = np.broadcast_to(_on_host(mask).astype(bool).reshape(-1, 1), (self.shape[0], self._q.size // self.shape[0]))
+        chosen = np.broadcast_to(
+            _on_host(mask).astype(bool).reshape(-1, 1), (self.shape[0], self._q.size // self.shape[0])
+        )
         self._actuator.reset(wp.array(np.ascontiguousarray(chosen).reshape(-1), dtype=wp.bool, device=self._q.device))
 
     def state(self) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ EXTRAS = {
     **dict.fromkeys(("rsl_rl", "tensordict", "safetensors", "onnx", "onnxruntime"), "sim"),
     **dict.fromkeys(("tensorboard", "onnxscript"), "train"),
     "rerun": "view",
-    "rosbags": "logs",
+    **dict.fromkeys(("pyarrow", "rosbags"), "logs"),
     "ray": "sweep",
 }
 """Extra by the name under which a library is imported."""

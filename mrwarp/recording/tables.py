@@ -1,11 +1,13 @@
-"""The columns of one file of a recording as it was logged: CSV, plain or gzipped, and Parquet, both read by pyarrow.
+"""The columns of one file of a recording as it was logged: CSV, plain or gzipped, and Parquet, which pyarrow reads.
 
 A CSV begins with ``# key: value`` lines, then names its columns; Parquet keeps that header as JSON in its metadata.
 """
 
 from __future__ import annotations
 
+import csv
 import gzip
+import io
 import json
 import re
 import zlib
@@ -15,9 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
 from mrwarp.recording.data import UNITS, RecordingError
 
@@ -26,6 +25,9 @@ SUFFIXES = (".csv", ".csv.gz", ".parquet")
 
 MAX_BYTES = 2**29
 """Largest recording that is read, all files together and uncompressed [bytes]: 512 MiB, 14 hours at 200 Hz."""
+
+EMPTY = frozenset(("", "#N/A", "NA", "N/A", "n/a", "NULL", "null", "None", "nan", "NaN", "NAN", "-nan", "-NaN"))
+"""Cells that programs write where there is no number."""
 
 _ALIASES = {
     "t": ("time", "timestamp", "t [s]", "time [s]"),
@@ -140,33 +142,78 @@ def _read_csv(file: Path, data: bytes, required: Sequence[str], keep: Callable[[
     if not data[position : position + 256].strip():
         raise table.refuse("no samples, only the column names; record it again")
     try:
-        content = pyarrow.csv.read_csv(
-            pa.BufferReader(pa.py_buffer(data).slice(position)),
-            # with more threads pyarrow's messages do not know the row
-            read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
-            convert_options=pyarrow.csv.ConvertOptions(
-                column_types={n: pa.string() if n == "trajectory" else pa.float64() for n in names},
-                include_columns=[n for n in names if keep(n)],
-            ),
-        )
-        return _with_columns(table, content)
-    except (pa.ArrowInvalid, UnicodeDecodeError) as error:
-        raise _bad_line(table, names, str(error)) from None
+        text = data[position:].decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise table.refuse(f"not readable as CSV ({error}); export it again") from None
+    numbers = [k for k, name in enumerate(names) if keep(name) and name != "trajectory"]
+    values = _plain_numbers(text, len(names), numbers)
+    if values is None:
+        return _cell_by_cell(table, text, names, keep)
+    ids = None
+    if "trajectory" in names and keep("trajectory"):
+        at = names.index("trajectory")
+        ids = np.array([row[at] for row in _rows(table, text)], dtype=object)
+        if len(empty := np.flatnonzero(ids == "")):
+            raise _without_id(table, int(empty[0]))
+    return replace(table, columns={names[k]: values[:, i].copy() for i, k in enumerate(numbers)}, ids=ids)
 
 
-def _bad_line(table: Table, names: list[str], message: str) -> RecordingError:
-    """The refusal for what pyarrow says about a line."""
-    if found := re.search(r"Row #(\d+): Expected (\d+) columns, got (\d+)", message):
-        row, columns, values = map(int, found.groups())
-        return table.refuse(f"{values} values for {columns} columns; complete or remove the line", row=row - 1)
-    if found := re.search(r"column #(\d+): Row #(\d+): .*invalid value '(.{0,40})", message, re.DOTALL):
-        value = found[3].removesuffix("'")
-        problem = f"{value!r} is no number; write a plain number with a decimal point, or remove the line"
-        return table.refuse(problem, row=int(found[2]) - 1, column=names[int(found[1])])
-    return table.refuse(f"not readable as CSV ({message.splitlines()[0][:200]}); export it again")
+def _plain_numbers(text: str, count: int, wanted: Sequence[int]) -> np.ndarray | None:
+    """Columns that hold numbers alone, shape (N, columns); None where a cell is none, or a line short or quoted."""
+    try:
+        values = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, usecols=wanted, ndmin=2)
+    except ValueError:
+        return None
+    return values if len(values) and text.count(",") == len(values) * (count - 1) else None
+
+
+def _cell_by_cell(table: Table, text: str, names: list[str], keep: Callable[[str], bool]) -> Table:
+    """The slow way, which takes text and empty cells, and knows where one is wrong."""
+    rows = _rows(table, text)
+    for k, row in enumerate(rows):
+        if len(row) != len(names):
+            problem = f"{len(row)} values for {len(names)} columns; complete or remove the line"
+            raise table.refuse(problem, row=k)
+    columns, ids = {}, None
+    for name, cells in zip(names, zip(*rows, strict=True), strict=True):
+        if name == "trajectory" and keep(name):
+            if "" in cells:
+                raise _without_id(table, cells.index(""))
+            ids = np.asarray(cells, dtype=object)
+        elif keep(name):
+            columns[name] = np.array([_number(table, cell, row, name) for row, cell in enumerate(cells)])
+    return replace(table, columns=columns, ids=ids)
+
+
+def _rows(table: Table, text: str) -> list[list[str]]:
+    """Cells of the lines that are not blank."""
+    try:
+        return [row for row in csv.reader(io.StringIO(text), strict=True) if row]
+    except csv.Error as error:
+        raise table.refuse(f"not readable as CSV ({error}); export it again") from None
+
+
+def _number(table: Table, cell: str, row: int, name: str) -> float:
+    text = cell.strip()
+    if text in EMPTY:
+        return float("nan")
+    try:
+        if "_" not in text:  # Python's own way to write a number, no other program's
+            return float(text)
+    except ValueError:
+        pass
+    problem = f"{text[:40]!r} is no number; write a plain number with a decimal point, or remove the line"
+    raise table.refuse(problem, row=row, column=name)
+
+
+def _without_id(table: Table, row: int) -> RecordingError:
+    return table.refuse("no trajectory id; fill in the column or leave it out", row=row, column="trajectory")
 
 
 def _read_parquet(file: Path, required: Sequence[str], limit: int, keep: Callable[[str], bool]) -> Table:
+    import pyarrow as pa  # an extra: most recordings are CSV
+    import pyarrow.parquet
+
     try:
         with pa.OSFile(str(file)) as stream:
             parquet = pyarrow.parquet.ParquetFile(stream)
@@ -220,15 +267,16 @@ def _near(names: list[str], name: str) -> list[str]:
     return [each for each in names if each.lower() in (name, *_ALIASES[name])]
 
 
-def _with_columns(table: Table, content: pa.Table) -> Table:
+def _with_columns(table: Table, content: Any) -> Table:
     """Arrow's columns as arrays."""
+    import pyarrow as pa
+
     columns, ids = {}, None
     for name in content.column_names:
         column = content[name]
         if name == "trajectory":
             if column.null_count:
-                row = int(np.flatnonzero(column.is_null().to_numpy())[0])
-                raise table.refuse("no trajectory id; fill in the column or leave it out", row=row, column=name)
+                raise _without_id(table, int(np.flatnonzero(column.is_null().to_numpy())[0]))
             ids = np.asarray(column.cast(pa.string()).to_pylist(), dtype=object)
             continue
         try:

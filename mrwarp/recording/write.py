@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import io
 import json
@@ -11,9 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
 from mrwarp.recording.data import (
     COLUMNS,
@@ -83,13 +81,20 @@ def _write_runs(runs: Sequence[Trajectory], file: Path, header: dict[str, Any], 
 
 def _write(columns: Mapping[str, Any], file: Path, header: dict[str, Any]) -> None:
     """Numbers get as many digits as bring them back exactly."""
-    table, sink = pa.table(dict(columns)), io.BytesIO()
     if file.name.endswith(".parquet"):
-        pyarrow.parquet.write_table(table.replace_schema_metadata({"mrwarp": json.dumps(header)}), sink)
+        import pyarrow as pa  # an extra: most recordings are CSV
+        import pyarrow.parquet
+
+        sink = io.BytesIO()
+        table = pa.table(dict(columns)).replace_schema_metadata({"mrwarp": json.dumps(header)})
+        pyarrow.parquet.write_table(table, sink)
         write_bytes(file, sink.getvalue())
         return
-    lines = [f"# {key}: {json.dumps(value)}" for key, value in header.items()]
-    sink.write("\n".join([*lines, ",".join(table.column_names), ""]).encode())
-    pyarrow.csv.write_csv(table, sink, pyarrow.csv.WriteOptions(include_header=False, quoting_style="needed"))
+    text = io.StringIO()
+    text.writelines(f"# {key}: {json.dumps(value)}\n" for key, value in header.items())
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(columns)
+    rows.writerows(zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True))
+    data = text.getvalue().encode()
     # no time stamp and a fixed level: the same recording gives the same bytes
-    write_bytes(file, gzip.compress(sink.getvalue(), 6, mtime=0) if file.name.endswith(".gz") else sink.getvalue())
+    write_bytes(file, gzip.compress(data, 6, mtime=0) if file.name.endswith(".gz") else data)

@@ -32,7 +32,9 @@ def brake(**values: float) -> Model:
     names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
     parameters = {name: Parameter(value=known[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
     effects = (make_effect("coil_lag", {"time_constant": 0.02}), make_effect("rotor_inertia", {"inertia": 0.01}))
-    return Model(parameters=parameters, fitted_on=FittedOn(source="x", trajectories=1, samples=1, rate=200.0), effects=effects)
+    return Model(
+        parameters=parameters, fitted_on=FittedOn(source="x", trajectories=1, samples=1, rate=200.0), effects=effects
+    )
 
 
 def test_it_gives_the_torque_of_the_replay() -> None:
