@@ -43,7 +43,7 @@ _PLACES = {
 }
 """Module of each public name, and the name there if it is another."""
 
-__all__ = sorted(_PLACES)
+__all__ = sorted(_PLACES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

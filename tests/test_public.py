@@ -27,7 +27,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from mrwarp.recording.write import save_recording
 
     made = tmp_path_factory.mktemp("examples")
-    cfg = BenchCfg(trajectories=4, samples=3000, evaluation_samples=0, seed=3, effects=Effects.defaults(0.0))
+    effects = Effects.defaults(0.0).replace(coil_lag=0.02, torque_noise=0.02)
+    cfg = BenchCfg(trajectories=4, samples=3000, evaluation_samples=0, seed=3, effects=effects)
     save_recording(run_bench(cfg).fit, made / "recordings")
     mrwarp.save_model(mrwarp.fit(made / "recordings").model, made / "model.json")
     return made
@@ -40,7 +41,7 @@ def test_the_list_is_what_users_know() -> None:
         mrwarp.JointBach  # noqa: B018
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "diagnose")) for n in NAMES])
 def test_an_example_in_the_docstring_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every public name has one, and it prints what it says."""
     monkeypatch.chdir(folder)

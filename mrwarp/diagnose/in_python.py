@@ -74,8 +74,8 @@ def diagnose_files(
     Example:
         >>> import mrwarp
         >>> found = mrwarp.diagnose("recordings")
-        >>> found.verdict, found.causes
-        ('none', ())
+        >>> found.verdict, [cause.name for cause in found.causes]
+        ('named', ['coil_lag'])
         >>> found.report("out").name
         'report.html'
 

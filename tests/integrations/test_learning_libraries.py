@@ -12,7 +12,7 @@ import torch  # noqa: E402
 from rsl_rl.runners import OnPolicyRunner  # noqa: E402
 
 import mrwarp  # noqa: E402
-from mrwarp.integrations.gymnasium_env import GymWalkEnv  # noqa: E402
+from mrwarp.rl.gymnasium_env import GymWalkEnv  # noqa: E402
 
 NETWORK = {"class_name": "MLPModel", "hidden_dims": [32, 32], "activation": "elu"}
 RSL_RL = {
