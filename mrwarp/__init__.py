@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from mrwarp.actuator.joint_batch import JointBatch as JointBatch
     from mrwarp.actuator.newton_drive import DriveMR as DriveMR
     from mrwarp.actuator.residual import LearnedTorque as LearnedTorque
-    from mrwarp.diagnose.in_python import diagnose_files as diagnose  # noqa: F401
+    from mrwarp.diagnose.report.in_python import diagnose_files as diagnose  # noqa: F401
+    from mrwarp.diagnose.report.in_python import fit as fit
     from mrwarp.env.cfg import EnvCfg as EnvCfg
     from mrwarp.env.cfg import make_walk_cfg as TaskCfg  # noqa: F401
     from mrwarp.env.vec_env import WalkEnv as WalkEnv
-    from mrwarp.identify.from_files import fit as fit
     from mrwarp.model_file import Model as Model
     from mrwarp.model_file import load_model as load_model
     from mrwarp.model_file import save_model as save_model
@@ -36,7 +36,7 @@ _PLACES = {
     "TaskCfg": "mrwarp.env.cfg:make_walk_cfg",
     "WalkEnv": "mrwarp.env.vec_env",
     "diagnose": "mrwarp.diagnose",
-    "fit": "mrwarp.identify.from_files",
+    "fit": "mrwarp.diagnose.report.in_python",
     "load_model": "mrwarp.model_file",
     "load_recording": "mrwarp.recording.load",
     "save_model": "mrwarp.model_file",

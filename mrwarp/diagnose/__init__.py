@@ -3,8 +3,8 @@
 import sys
 from types import ModuleType
 
-from mrwarp.diagnose.in_python import Found, diagnose_files
 from mrwarp.diagnose.pipeline import diagnose
+from mrwarp.diagnose.report.in_python import Found, diagnose_files
 from mrwarp.diagnose.result import Diagnosis
 
 __all__ = ["Diagnosis", "Found", "diagnose"]
