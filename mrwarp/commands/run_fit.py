@@ -36,7 +36,7 @@ class Check(opt.LogOptions):
     def run(self, line: CommandLine) -> int:
         """0 when it is good to use; a RecordingError says what is wrong with it."""
         from mrwarp.diagnose.data_checks import hindrances
-        from mrwarp.identify.contradictions import contradictions
+        from mrwarp.identify.contradictions import contradictions, forewarning
         from mrwarp.recording.description import describe, notes
         from mrwarp.recording.load import RecordingError, find_holding, load_holding, load_recording
         from mrwarp.robot_logs import robot_log
@@ -55,7 +55,11 @@ class Check(opt.LogOptions):
         recording, turned = _signs_turned(recording)
         wrong = contradictions(recording)
         unproven = [f"no verdict by diagnose: {text}" for text in hindrances(recording) if text not in wrong]
-        lines = describe(recording, "cannot be used" if wrong else "good")
+        if warned := "" if wrong else forewarning(recording):
+            unproven.append(warned)
+        lines = describe(
+            recording, "cannot be used" if wrong else "readable, but see the last note" if warned else "good"
+        )
         if beside:
             holding = load_holding(beside, recording)
             count = f"{len(holding.current)} tests at {len({*holding.current})} currents"

@@ -6,17 +6,21 @@ A fit always ends somewhere. These checks say where its numbers would mean nothi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import nnls
 
-from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, by_place, explains_nothing, hardly_moves, own_noise
+from mrwarp.identify.checks.refusal_reason import (
+    EXPLAINS_NOTHING,
+    by_place,
+    explains_nothing,
+    followed_instead,
+    hardly_moves,
+    own_noise,
+)
+from mrwarp.identify.dataset import Dataset
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
-
-if TYPE_CHECKING:
-    from mrwarp.identify.dataset import Dataset
 
 MIN_TRAJECTORIES = 3
 """Fewest trajectories of which one can be predicted by the others."""
@@ -32,6 +36,8 @@ _NOISE = 1.2
 """Ratio of the current's change from sample to sample to its spread from which it is noise: 1.41 where it is white."""
 _COIL = ("A", "V")
 """Units of a control input that is a size and acts on the torque; a flag, a load or a pressure need not."""
+_PLAIN = 0.6
+"""Part of it that the plainest laws leave from which a fit is likely to fail; the hysteresis of a joint leaves half."""
 _PLACE = 0.1
 """Part of it that the mean torque at the same place must predict to belong to the motion."""
 _TURNED = 0.5
@@ -117,6 +123,20 @@ def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_o
     worst = max(nrmse, held_out) if len(recording.trajectories) >= MIN_TRAJECTORIES else nrmse
     if worst >= EXPLAINS_NOTHING:
         raise RecordingError(f"{recording.source or 'recording'}: {explains_nothing(worst, data, recording.units)}")
+
+
+def forewarning(recording: Recording) -> str:
+    """What a fit will miss, where the plainest laws of a joint leave most of the torque; else, or if unclear, empty."""
+    runs = recording.trajectories
+    q, qd, current, torque = (
+        np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "qd", "current", "torque")
+    )
+    free, passive = _plain_laws(q, qd, np.concatenate([np.gradient(run.qd, run.dt) for run in runs]), current)
+    # a stress that does not yield is a spring about the middle of its run
+    left = _left(torque, [*free, np.concatenate([run.q - np.median(run.q) for run in runs])], passive)
+    if left < _PLAIN or not (reason := followed_instead(Dataset.of(recording), recording.units)):
+        return ""
+    return f"plain friction, inertia and stiffness leave {100.0 * left:.0f} % of the torque's variance: {reason}"
 
 
 def _jumps(recording: Recording) -> str:

@@ -39,11 +39,15 @@ def explains_nothing(nrmse: float, data: Dataset, units: Mapping[str, str], *, e
     """
     what = "eqs. 14 and 15 and every effect of the catalogue explain" if every_effect else "eqs. 14 and 15 explain"
     name = quantity("torque", units)
-    return f"{what} next to nothing of the {name} (NRMSE {100.0 * nrmse:.1f} %): {_reason(data, units, every_effect)}"
+    reason = followed_instead(data, units, every_effect=every_effect) or (
+        "check that it was measured at this joint, that the columns belong together, and that the bench prescribed the "
+        "motion; in a log of a walking robot the motion answers to the torque"
+    )
+    return f"{what} next to nothing of the {name} (NRMSE {100.0 * nrmse:.1f} %): {reason}"
 
 
-def _reason(data: Dataset, units: Mapping[str, str], every_effect: bool) -> str:
-    """The likeliest reason, with what to do about it."""
+def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: bool = False) -> str:
+    """What a torque follows that eqs. 14 and 15 miss, with what to do about it; empty where nothing shows it."""
     angle, torque = quantity("q", units), quantity("torque", units)
     if hardly := hardly_moves([data.q[part] * data.scales.q for part in data.parts], units):
         return hardly
@@ -55,14 +59,14 @@ def _reason(data: Dataset, units: Mapping[str, str], every_effect: bool) -> str:
     named = "" if every_effect else "; eq. 14 has no such term: mrwarp diagnose looks for it, and writes the model"
     rest = _beside(data)
     qdd = np.concatenate([np.gradient(data.qd[part], dt) for part, dt in zip(data.parts, data.dt, strict=True)])
-    if (share := _followed(rest, _beside(data, qdd))) > _FOLLOWS:
-        return (
-            f"{100.0 * share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
-        )
+    by_inertia = _followed(rest, _beside(data, qdd))
     turn = 2.0 * np.pi / data.scales.q if units["q"] == "rad" else np.inf
     in_all, in_each = (
         _followed(rest, rest - by_place(data.q, rest, data.parts, turn, own=own)) for own in (False, True)
     )
+    if by_inertia > max(_FOLLOWS, in_all):
+        share = 100.0 * by_inertia
+        return f"{share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
     if in_all > _FOLLOWS:
         return (
             f"{100.0 * in_all:.0f} % of what they leave comes again at the same {angle} in all runs, as cogging or a "
@@ -74,10 +78,7 @@ def _reason(data: Dataset, units: Mapping[str, str], every_effect: bool) -> str:
             f"{100.0 * max(in_all, 0.0):.0f} % from run to run: a load that depends on the place, such as a weight "
             f"or a spring, and differs between runs; keep it the same, or take it out of the {torque}, and try again"
         )
-    return (
-        "check that it was measured at this joint, that the columns belong together, and that the bench prescribed the "
-        "motion; in a log of a walking robot the motion answers to the torque"
-    )
+    return ""
 
 
 def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:

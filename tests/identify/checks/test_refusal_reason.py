@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
-from mrwarp.identify.contradictions import contradictions, refuse_unexplained
+from mrwarp.identify.contradictions import contradictions, forewarning, refuse_unexplained
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.fit import fit
 from mrwarp.recording.load import Recording, RecordingError, Trajectory
@@ -59,6 +59,7 @@ def test_the_true_reason_is_named(recording: Recording, words: str) -> None:
 def test_fit_and_diagnosis_share_the_criterion() -> None:
     """Cogging explains what eq. 14 does not: fit refuses and points at diagnose, which says it without the pointer."""
     recording, words = CASES["cogging"]
+    assert "comes again at the same angle in all runs" in forewarning(recording)  # check says it before any fit
     assert contradictions(recording) == []  # what comes again at its place belongs to the motion
     with pytest.raises(RecordingError, match=words):
         fit(recording)
@@ -73,5 +74,6 @@ def test_runs_that_others_do_not_predict_are_refused_as_a_diagnosis_refuses_them
     refuse_unexplained(recording, data, 0.5, EXPLAINS_NOTHING - 0.01)
     with pytest.raises(RecordingError, match="NRMSE 243.7 %"):
         refuse_unexplained(recording, data, 0.607, 2.437)
+    assert "a load that depends on the place" in forewarning(recording)
     two = Recording(trajectories=recording.trajectories[:2])
     refuse_unexplained(two, Dataset.of(two), 0.607, 2.437)
