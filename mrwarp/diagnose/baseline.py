@@ -69,14 +69,23 @@ standard error."""
 
 
 def fit_baseline(
-    recording: Recording, *, model: Model | None, threads: int, seed: int, log: Progress
+    recording: Recording,
+    *,
+    model: Model | None,
+    threads: int,
+    seed: int,
+    log: Progress,
+    known: np.ndarray | None = None,
 ) -> tuple[Problem, Fit]:
     """Fit eqs. 14 and 15 on ``threads`` of the CPU, and learn the noise.
 
     A ``model`` that is known already is one more start, and its effects are part of the baseline. ``seed`` is that of
-    the samples on which starts are searched; ``log`` takes a line on what is being done.
+    the samples on which starts are searched; ``log`` takes a line on what is being done; ``known`` says of which
+    samples of the motion the torque may be fitted, bool, shape (N,), where these are not all.
     """
     motion = Motion.of(recording, resistance=coil_resistance(recording, model)).stretches(LIMIT)
+    if known is not None:
+        motion = replace(motion, known=known)
     scales = motion.scales
     q_zero = nominal_zero(recording, model) / scales.q
     log("eqs. 14 and 15: starts")
@@ -98,12 +107,12 @@ def fit_baseline(
         units=recording.units,
         noise=_white(float(motion.torque.std()) or 1.0),
     )
-    known = _known_numbers(model, scales)
-    bends = {(effect, p.name): value for (effect, p), value in known.items() if p.form}
+    nominal = _known_numbers(model, scales)
+    bends = {(effect, p.name): value for (effect, p), value in nominal.items() if p.form}
     layout = problem.parameters(known_effects(model), bends)
     numbers = {
         (effect, p.name): float(np.log(max(value, 1e-12))) if Slot(effect, p).logarithmic else value
-        for (effect, p), value in known.items()
+        for (effect, p), value in nominal.items()
     }
     fits = (fit_model(problem, layout, layout.vector(x, numbers), tolerance=1e-4) for x in bases)
     plain = min(fits, key=lambda f: float(f.loss.sum()))
@@ -252,6 +261,7 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     """
     motion = problem.motion
     held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True).stretches(LIMIT)
+    held = replace(held, known=motion.known)
     still = held.kinematics.still
     if still is None or not still.any():
         return problem, fit

@@ -13,7 +13,7 @@ from mrwarp.diagnose.verdict_text import both, title
 from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
 from mrwarp.identify.contradictions import MIN_TRAJECTORIES, contradictions
 from mrwarp.identify.dataset import session_clock
-from mrwarp.recording.data import Recording, quantity, true_names
+from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
 
 MIN_SECONDS = 10.0
@@ -99,7 +99,9 @@ def gaps(recording: Recording) -> list[str]:
             "the angle was not logged but integrated from the velocity: it begins at 0 in each run and may drift, so "
             "what depends on the place (stiffness, cogging, friction over the angle) is not certain; log the angle"
         )
-    if len(levels) == 1:
+    if recording.units["current"] == NO_INPUT:
+        pass  # there is none to be changed
+    elif len(levels) == 1:
         found.append(
             f"the {name} is {current[0]:.3g} throughout: nothing that depends on it can be known (coil lag, command "
             "delay, remanence, saturation, viscosity over current); record several constant levels and steps between "

@@ -15,7 +15,7 @@ from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
-from mrwarp.diagnose.proof import Doubt
+from mrwarp.diagnose.proof import Doubt, without_effect
 from mrwarp.diagnose.recording_faults import RecordingFault
 from mrwarp.diagnose.residual_structure import Line
 from mrwarp.diagnose.result import (
@@ -35,11 +35,13 @@ from mrwarp.diagnose.result import (
     Verdict,
 )
 from mrwarp.diagnose.search import Selection
+from mrwarp.diagnose.spikes import Spikes
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, rms, session_clock
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
+from mrwarp.recording.data import NO_INPUT
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 
@@ -84,6 +86,8 @@ class Findings:
     """Which law the baseline follows; None: none was compared."""
     account: Account | None = None
     line: Line | None
+    spikes: Spikes | None = None
+    """Samples that were kept out of every fit."""
     sizes: Mapping[str, float | None]
     """Smallest size of each effect that would have shown, normalised units; None: no size would."""
     shifts: tuple[Shift, ...]
@@ -140,6 +144,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         next_experiment=found.next_experiment,
         tried=_tried(found, causes),
         account=found.account,
+        spikes=found.spikes,
         accounting=_accounting(found, unexplained is not None),
         per_trajectory=per_trajectory,
         per_regime=per_regime,
@@ -256,6 +261,8 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
             visible["velocity_lag"] = Value(value=size, ci95=(0.0, 0.0), unit="s")
         else:
             invisible["velocity_lag"] = "the recording has no velocity channel"
+    if problem.units["current"] == NO_INPUT:  # what a device does not have is not missing
+        invisible = {name: why for name, why in invisible.items() if name not in (*problem.impossible, "current_gain")}
     return visible, invisible
 
 
@@ -297,6 +304,8 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
     if found.held_out.agreed < 1.0 and causes:
         others = 100 * (1 - found.held_out.agreed)
         notes.append(f"without one of the trajectories nothing would have been named in {others:.0f} % of cases")
+    if found.spikes is not None:
+        notes.append(found.spikes.sentence)
     notes += found.notes
     if len(motion.q) < found.recording.samples:
         notes.append(
@@ -343,6 +352,12 @@ def _traces(found: Findings) -> Traces:
         regime=regimes(motion),
         noise_rms=found.problem.noise.rms * torque,
         one_clock=session_clock(found.recording) is not None,
+        counts=found.spikes.known if found.spikes is not None else None,
+        without={
+            name: without_effect(found.problem, found.extended, name) * torque
+            for name in found.selection.named
+            if len(found.selection.named) > 1
+        },
     )
 
 

@@ -36,7 +36,8 @@ def find_formula(traces: Traces, unexplained: Unexplained, units: Mapping[str, s
     values = np.stack([getattr(traces, name) for name in names])
     low, high = np.quantile(values, (0.01, 0.99), axis=1, keepdims=True)
     centre, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-12)
-    cells, mean, weight = _cell_means((values - centre) / half, traces.torque - traces.extended)
+    at = slice(None) if traces.counts is None else traces.counts
+    cells, mean, weight = _cell_means((values[:, at] - centre) / half, (traces.torque - traces.extended)[at])
     if len(mean) < 12 or float(weight @ mean**2) <= 0.0:
         return None
     mean = mean - np.average(mean, weights=weight)

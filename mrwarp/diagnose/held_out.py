@@ -16,6 +16,7 @@ import numpy as np
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.diagnose.search import Selection
+from mrwarp.diagnose.spikes import Spikes
 from mrwarp.identify.boosting import chosen_samples, end_processes, foretold, spread_where_it_repeats, white_floor
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
@@ -99,11 +100,23 @@ class Account:
     """Spread of the torque where the same motion comes again, as such a share; None where it hardly ever does."""
     learnable: Share
     """Part of the extended model's RMSE that the predictor takes away on trajectories it never saw."""
+    spikes: float = 0.0
+    """Part of the mismatch that spikes carry, within what is not repeatable; no figure of error has them [1]."""
+
+    @property
+    def unnamed(self) -> float:
+        """Share that repeats without a name, of the mismatch without its spikes [1]."""
+        return self.repeatable.share / max(1.0 - self.spikes, 1e-9)
+
+    @property
+    def least(self) -> float:
+        """Share that does not repeat, of the mismatch without its spikes [1]."""
+        return max(self.not_repeatable.share - self.spikes, 0.0) / max(1.0 - self.spikes, 1e-9)
 
     @property
     def open(self) -> bool:
         """Whether much of the mismatch repeats and has no name: more than a tenth."""
-        return self.repeatable.share > MUCH
+        return self.unnamed > MUCH
 
 
 MUCH = 0.1
@@ -135,12 +148,21 @@ def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> n
     return left
 
 
-def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int, *, law: bool = False) -> Account:
+def account_of(
+    problem: Problem,
+    held: HeldOut,
+    left: np.ndarray,
+    seed: int,
+    *,
+    law: bool = False,
+    spikes: Spikes | None = None,
+) -> Account:
     """Divide the mismatch into what is named, what repeats all the same and what does not repeat.
 
     What does not repeat is never "what is left" but what is :func:`not_foretold`. Where the same motion comes again and
     differs by clearly less, that counts. Where it hardly ever does, the interval reaches down to the noise from sample
     to sample, which no predictor foretells. ``law`` says whether another law takes the place of eq. 15.
+    What the extended model leaves at ``spikes`` does not repeat.
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
@@ -151,6 +173,10 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int, *, 
     rng = np.random.default_rng(seed)
     pick = rng.integers(0, squares.shape[1], (2000, squares.shape[1]))
     draws = np.moveaxis(squares[:, pick].sum(axis=2), 0, 1)  # (draws, 3)
+    # what spikes leave, as if they were thinned like the samples
+    stand = np.zeros(len(motion.dt)) if spikes is None else np.add.reduceat(spikes.at * after**2, motion.start[:-1])
+    stand *= len(at) / max(float(np.sum(problem.weight > 0.0)), 1.0)
+    apart, apart_drawn = float(stand.sum()), stand[pick].sum(axis=1)[:, None]
     spread = float(torque[at].std()) or 1.0
     low, high = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
     total = squares.sum(axis=1)
@@ -161,12 +187,13 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int, *, 
     if again is not None and again * len(at) < (_CLEARLY_BESIDE_A_LAW if law else _CLEARLY) * total[2]:
         total[2] = again * len(at)
         draws[:, 2] = drawn
-    ends = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
+    ends = np.percentile(_shares(draws + apart_drawn), (2.5, 97.5), axis=0)
     if again is None:
-        floor = np.percentile(_shares(np.stack([*draws.T[:2], drawn], axis=1)), (2.5, 97.5), axis=0)
+        floor = np.stack([*draws.T[:2], drawn], axis=1) + apart_drawn
+        floor = np.percentile(_shares(floor), (2.5, 97.5), axis=0)
         ends = np.minimum(ends[0], floor[0]), np.maximum(ends[1], floor[1])
     low[:-1], high[:-1] = ends[0][:-1], ends[1][:-1]
-    shares = np.array([*_shares(total[None])[0, :-1], learnable])
+    shares = np.array([*_shares(total[None] + apart)[0, :-1], learnable])
     named, repeatable, rest, learnable = (
         Share(share=float(x), ci95=(float(min(a, x)), float(max(b, x))))
         for x, a, b in zip(shares, low, high, strict=True)
@@ -178,6 +205,7 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int, *, 
         left=float(np.sqrt(np.mean(left**2))) / spread,
         cycle_spread=None if again is None else float(np.sqrt(again)) / spread,
         learnable=learnable,
+        spikes=apart / max(float(total[0]) + apart, 1e-300),
     )
 
 

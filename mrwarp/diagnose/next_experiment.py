@@ -25,6 +25,7 @@ from mrwarp.identify.kinematics import Kinematics
 from mrwarp.identify.least_squares import Quadratic, Rules, losses, minimise, ridge_solve
 from mrwarp.identify.parameters import Parameters, simulate, slots_of
 from mrwarp.identify.replay import EffectReplay
+from mrwarp.recording.data import NO_INPUT
 
 _MORE = 1.3
 """Gain that is asked for, over the threshold: the gain that is found scatters about the gain that is there."""
@@ -224,6 +225,8 @@ def _described(problem: Problem, kind: str, trial: Motion, missed: float, names:
     top_text = measured(top, units["current"])
     current = _CURRENTS[standard.current].format(name=quantity("current", units), top=top_text)
     what = f"in {runs} runs of {run:.3g} s, {current} while the joint {motion}"
+    if units["current"] == NO_INPUT:
+        what = f"record {runs} runs of {run:.3g} s in which the joint {motion}"
     return NextExperiment(what=what, seconds=seconds, separates=names, kind=kind, settings=settings)
 
 

@@ -32,6 +32,7 @@ from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis, Shift
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import best_single, screen_candidates
+from mrwarp.diagnose.spikes import spikes_of
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
@@ -77,7 +78,12 @@ def diagnose(
     for fault in faults:
         log(fault.sentence)
     recording, decimated = decimate(recording)
-    first, base = fit_baseline(recording, model=model, threads=threads, seed=seed, log=log)
+    given = {"model": model, "threads": threads, "seed": seed, "log": log}
+    first, base = fit_baseline(recording, **given)
+    spikes = spikes_of(first, base, recording)
+    if spikes is not None:
+        log(spikes.sentence)
+        first, base = fit_baseline(recording, **given, known=spikes.known)
     candidates = _candidates(first, base, effects)
     log(f"{len(candidates)} effects as candidates")
     screened = screen_candidates(first, base, candidates)
@@ -143,14 +149,14 @@ def diagnose(
         return replace(without_verdict(recording, reasons, seed, time.perf_counter() - begun), recording_faults=faults)
     log("what repeats")
     unforetold = not_foretold(problem, held_out, extended, seed)
-    account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law))
+    account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law), spikes=spikes)
     selection, parts = without_parts(models, selection, account)
     if parts:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
         doubted += parts
         extended = models.reported(selection.final)
         held_out = hold_out(problem, selection, baseline, extended)
-        account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law))
+        account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law), spikes=spikes)
     shifts: tuple[Shift, ...] = ()
     if not base.parameters.law:
         shifts = calibration_shifts(selection.final, problem.motion, recording, model)
@@ -173,6 +179,7 @@ def diagnose(
         sizes=sizes,
         shifts=shifts,
         next_experiment=next_experiment,
+        spikes=spikes,
         notes=(decimated,) if decimated else (),
         seed=seed,
     )

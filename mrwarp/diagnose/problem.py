@@ -37,6 +37,8 @@ FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
 CHI2 = 30.0
 """Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
+UNCHANGING = 0.01
+"""Change of the control input, as a share of its largest value, up to which it is the same throughout."""
 _OF_A_FIELD = ("remanence", "current_saturation", "current_viscosity")
 """Effects of a magnetic field, which a load or a pressure does not make."""
 _OF_A_COMMAND = ("coil_lag", "command_delay")
@@ -79,7 +81,7 @@ class Problem:
     def unchanging(self) -> bool:
         """Whether the control input is the same throughout."""
         current = self.motion.current
-        return bool(np.ptp(current) <= 0.01 * np.abs(current).max())
+        return bool(np.ptp(current) <= UNCHANGING * np.abs(current).max())
 
     @property
     def impossible(self) -> tuple[str, ...]:

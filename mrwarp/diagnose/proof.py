@@ -164,8 +164,8 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
             continue
         without = float(held_out_squares(problem, models.reported(models.without(selection.final, effect))).sum())
         gain = (without - after) / baseline
-        if gain < _PART * account.repeatable.share:
-            times = account.repeatable.share / max(gain, 1e-9)
+        if gain < _PART * account.unnamed:
+            times = account.unnamed / max(gain, 1e-9)
             much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
             reason = f"what comes again without a name is {much}: this may be a part of it"
             doubts.append(Doubt(effect=effect, reason=reason, gain=max(gain, 0.0), fit=fit))

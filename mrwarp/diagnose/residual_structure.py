@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from mrwarp.diagnose.problem import Fit, Problem, gain_and_t
+from mrwarp.diagnose.problem import UNCHANGING, Fit, Problem, gain_and_t
 from mrwarp.identify.dataset import Dataset, Motion, of_commonest_rate
 from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import LINEAR, LINEAR_PART
@@ -141,6 +141,8 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> lis
         (("time",), "drift", [time * h, time * hi, time * v, time * sign, time**2 * hi]),
         (("time",), "warming", [w * f for w in (heat, heat_slow) for f in (h, hi, v)]),
     ]
+    if np.ptp(m.current) <= UNCHANGING * np.abs(m.current).max():  # then it is no variable
+        functions = [row for row in functions if "current" not in row[0]]
     found = [
         Group(variables, form, np.stack(columns), variables == ("time",)) for variables, form, columns in functions
     ]

@@ -12,6 +12,7 @@ import numpy as np
 from mrwarp.diagnose.held_out import Account, Predictor
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.recording_faults import RecordingFault
+from mrwarp.diagnose.spikes import Spikes
 from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
@@ -161,6 +162,10 @@ class Traces:
     noise_rms: float
     one_clock: bool = True
     """Whether time counts through the session; else from the start of each trajectory."""
+    counts: np.ndarray | None = None
+    """Samples that are no spike, bool, shape (N,); None: all."""
+    without: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Torque of the extended model without one of its causes, all else kept, where it has several; shape (N,)."""
 
     @property
     def parts(self) -> list[slice]:
@@ -200,6 +205,8 @@ class Diagnosis:
     tried: tuple[Tried, ...] = ()
     account: Account | None = None
     """The same with intervals, and what says so."""
+    spikes: Spikes | None = None
+    """Samples that were kept out of every fit; None: there are none."""
     accounting: Accounting = Accounting(named=0.0, predictable=0.0, noise=1.0)
     per_trajectory: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """RMSE of baseline and extension, of the same errors; so is that per regime."""
@@ -246,6 +253,7 @@ class Diagnosis:
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
             "gain": gain,
+            "spikes": {name: getattr(self.spikes, name) for name in _COUNTED} if self.spikes else None,
             "noise_rms": self.traces.noise_rms if self.traces else None,
             "data": _about(self.recording),
         }
@@ -257,6 +265,10 @@ class Diagnosis:
         """
         figures = self.to_dict() | dict(besides or {}) | {"model": model_name or None}
         return write_result(out, figures, seed=self.seed, command=command)
+
+
+_COUNTED = ("samples", "share", "of_squared_mismatch", "per_trajectory")
+"""What ``result.json`` says of spikes."""
 
 
 def _before_after(rows: Mapping[str, tuple[float, float]]) -> dict[str, Any]:

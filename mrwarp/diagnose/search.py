@@ -9,7 +9,7 @@ from operator import attrgetter
 import numpy as np
 from scipy import stats
 
-from mrwarp.diagnose.lag_or_delay import LagOrDelay, decided_by_steps
+from mrwarp.diagnose.lag_or_delay import DELAY, LAG, LagOrDelay, decided_by_steps
 from mrwarp.diagnose.problem import Fit, Problem, as_good, drifts, gain_and_t, threshold
 from mrwarp.diagnose.residual_structure import Leftover, groups_along, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, screen
@@ -225,7 +225,7 @@ def _alternatives(
             if name != steps.excluded
             and not _worn(fit, name)
             and not (effect == "coulomb_friction" and name == "stribeck" and fit.total > final.total)
-            and (name == steps.undecided or as_good(fit, final, without))
+            and ((name == steps.undecided and effect in (LAG, DELAY)) or as_good(fit, final, without))
         )
     return gains, alternatives
 

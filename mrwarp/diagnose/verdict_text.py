@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from mrwarp.diagnose.held_out import Account
 from mrwarp.diagnose.result import Cause, Diagnosis, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
@@ -29,6 +30,10 @@ _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
 }
 """Unit: from which size on, what factor gives what readable unit."""
 
+_FEW_ALONG = 2
+"""Most effects along one variable that are named as not explaining it."""
+_LITTLE = 0.5
+"""Share of what a learned torque could take off the error, by what repeats, below which boosting takes only little."""
 _VARIABLES = {
     "qd": "the velocity",
     "qdd": "the acceleration",
@@ -74,6 +79,13 @@ def measured(value: float, unit: str) -> str:
     """A number with its readable unit."""
     factor, name = scale(value, unit)
     return f"{value * factor:.3g} {name}".strip() if math.isfinite(value) else "unknown"
+
+
+def measured_alike(values: Iterable[float], unit: str) -> list[str]:
+    """Numbers of one quantity with one readable unit, that of the largest."""
+    numbers = list(values)
+    factor, name = scale(max((abs(x) for x in numbers if math.isfinite(x)), default=0.0), unit)
+    return [f"{x * factor:.3g} {name}".strip() if math.isfinite(x) else "unknown" for x in numbers]
 
 
 def readable(value: Value, parameter: EffectParameter | None = None) -> Readable:
@@ -155,8 +167,9 @@ def sentence_of(d: Diagnosis) -> str:
     """The verdict in one sentence, behind one for each thing that is wrong with the recording."""
     parts = []
     if d.law is not None and d.law.other:
-        before, after = (percent(error) for error in d.law.error)
-        parts.append(f"the hysteresis has another shape: {d.law.title}, error {before} → {after}")
+        before, after = d.law.error
+        errors = f", error {percent(before)} → {percent(after)}" if after < before else ""
+        parts.append(f"the hysteresis has another shape: {d.law.title}{errors}")
     if d.causes:
         parts.append(
             ("beside it " if parts else "")
@@ -177,18 +190,43 @@ def sentence_of(d: Diagnosis) -> str:
         what = f"structure along {both(variable(v, d.recording.units) for v in d.unexplained.depends_on[:2])}"
         if d.unexplained.depends_on[0] == "frequency":
             what = d.unexplained.form
-        parts.append(f"{beside}there is {what} that no effect of the catalogue explains")
+        parts.append(f"{beside}there is {what} that {_not_explained_by(d)}")
     if d.account is not None and d.account.open:
-        repeats, gains = d.account.repeatable.share, d.account.learnable.share
-        parts.append(
-            f"{percent(repeats, 0)} of the squared mismatch comes again in every run and has no name: a learned torque "
-            f"(--learn) could take up to {percent(gains, 0)} off the error on unseen trajectories"
-        )
+        parts.append(_what_repeats(d.account))
     if not parts:
         parts.append("nothing is missing that these data could show")
     for s in d.parameter_shift:
         parts.append(f"the calibration has shifted: {either((s.name, *s.alternatives))}")
     return " ".join((*fault_sentences(d), true_names(capital("; ".join(parts)) + ".", d.recording.units)))
+
+
+def _not_explained_by(d: Diagnosis) -> str:
+    """What does not explain the structure that was found, with the effects that lie along its first variable alone."""
+    assert d.unexplained is not None
+    first = d.unexplained.depends_on[0]
+    along = [t for t in d.tried if t.name in CATALOGUE and CATALOGUE[t.name].depends_on == (first,)]
+    if named := [t.name for t in along if t.outcome == "named"]:
+        return f"goes beyond {either(named)}"
+    if along and len(along) <= _FEW_ALONG:
+        return f"{either(t.name for t in along)} does not explain"
+    return "no effect of the catalogue explains"
+
+
+def _what_repeats(account: Account) -> str:
+    """How much repeats without a name, and what a learned torque could take of it."""
+    repeats, gains = percent(account.repeatable.share, 0), account.learnable.share
+    kept = account.least / max(account.least + account.unnamed, 1e-9)
+    most = 1.0 - math.sqrt(kept)
+    if gains < _LITTLE * most:
+        return (
+            f"{repeats} of the squared mismatch comes again where the same motion does, and has no name; boosting "
+            f"takes only {percent(gains, 0)} off the error of a run that it never saw, so a learned torque (--learn) "
+            f"needs more runs of the same motions, and could then take up to {percent(most, 0)}"
+        )
+    return (
+        f"{repeats} of the squared mismatch comes again in every run and has no name: a learned torque (--learn) could "
+        f"take up to {percent(gains, 0)} off the error on unseen trajectories"
+    )
 
 
 def fault_sentences(d: Diagnosis) -> list[str]:

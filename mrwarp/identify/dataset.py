@@ -101,7 +101,7 @@ class Dataset:
     """Sampling step of each trajectory [s], shape (T,)."""
     scales: Scales
     known: np.ndarray | None = None
-    """False where the torque is unknown because its sensor was at the end of its range, shape (N,); None: nowhere."""
+    """False where the torque is unknown, as its sensor was at the end of its range, or a spike; (N,); None: nowhere."""
 
     @classmethod
     def of(cls, recording: Recording, scales: Scales | None = None) -> Dataset:

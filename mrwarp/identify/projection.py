@@ -18,6 +18,7 @@ import numpy as np
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.least_squares import Quadratic, Rules, bounded_solve, leave_out, minimise
 from mrwarp.identify.replay import Replay
+from mrwarp.identify.spikes import find_spikes
 
 _STEP = 1e-2
 """Step of the central differences in (logarithmic) shape parameters: truncation and float32 noise both below 1e-4."""
@@ -29,8 +30,6 @@ _SUBSET = 20_000
 """Samples on which the starts are searched."""
 _STARTS = 3
 _RULES = Rules(damping=1e-3, relief=5.0, least=1e-12, increase=10.0, most=1e8)
-_SPIKE = 0.05
-"""Smallest spike that counts, as a share of the torque's 95th percentile."""
 
 Progress = Callable[[str], None]
 
@@ -197,16 +196,16 @@ def search(
     point = projection.descend(points[0].theta)
     for rival in rivals[:1]:
         point = min(point, projection.descend(rival.theta), key=lambda p: p.sse)
-    outliers = _spikes(point.simulated - samples.torque)
     base = projection.weight
+    outliers = float(find_spikes(samples.torque - point.simulated, point.simulated, samples, base > 0.0).mean())
     for _ in range(4 if robust else 0):
         log("weighing down outliers")
         deviation = 1.4826 * float(np.median(np.abs(point.simulated - samples.torque)))
         far = np.abs(point.simulated - samples.torque) / (1.345 * deviation)
         projection.weight = base / np.maximum(far, 1.0)
         point = projection.descend(point.theta, iterations=8)
-    if outliers > 1e-4 and not robust:
-        warnings.append(f"{100 * outliers:.2f} % of the samples are single spikes: consider --robust")
+    if outliers and not robust:
+        warnings.append(f"{100 * outliers:.2g} % of the samples are spikes: consider --robust")
     return point, warnings
 
 
@@ -229,11 +228,3 @@ def search_starts(structure: Structure, replay: Replay, *, limit: int = _SUBSET,
     rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps), small.counts)
     points = [rough.descend(theta, tolerance=1e-5) for theta in rough.starts(_STARTS)]
     return sorted(points, key=lambda p: p.sse)
-
-
-def _spikes(mismatch: np.ndarray) -> float:
-    """Share of samples that stand out from their four neighbours; a missing mechanism would be smooth."""
-    windows = np.lib.stride_tricks.sliding_window_view(mismatch, 5)
-    alone = np.abs(windows[:, 2] - np.median(windows, axis=1))
-    deviation = float(np.median(alone[alone > 0])) if (alone > 0).any() else 0.0
-    return float(np.mean(alone > max(15.0 * deviation, _SPIKE)))

@@ -17,7 +17,7 @@ from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Susp
 from mrwarp.diagnose.verdict_text import capital
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
-from mrwarp.recording.data import true_names
+from mrwarp.recording.data import NO_INPUT, true_names
 from mrwarp.run_dir import versions
 
 _AS_IS = {"source", "data", "extended", "seed", "unexplained"}
@@ -112,14 +112,15 @@ def _taken(t: Tried) -> str:
 def _facts(d: Diagnosis) -> list[tuple[str, str]]:
     """The three or four numbers at the top."""
     unit = d.baseline.unit
-    facts = [(text.percent(d.baseline.nrmse), f"error of the baseline, {text.measured(d.baseline.rmse, unit)} RMS")]
+    before, after = text.measured_alike((d.baseline.rmse, d.extended.rmse), unit)
+    facts = [(text.percent(d.baseline.nrmse), f"error of the baseline, {before} RMS")]
     if d.gain:
-        after, (low, high) = text.measured(d.extended.rmse, unit), (text.percent(x) for x in d.gain.ci95)
+        low, high = (text.percent(x) for x in d.gain.ci95)
         change = text.percent(-d.gain.rmse_reduction).replace("-", "−")
         facts.append((text.percent(d.extended.nrmse), f"error with the extension, {after} RMS"))
         facts.append((change, f"RMS ({low} to {high} less); each trajectory predicted by a fit to the others"))
     if d.account:
-        least = d.baseline.nrmse * d.account.not_repeatable.share**0.5
+        least = d.baseline.nrmse * d.account.least**0.5
         facts.append((text.percent(least), "does not repeat from run to run: no model gets below that"))
     elif d.traces:
         facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
@@ -182,7 +183,7 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
     if g is None or not d.causes:
         return None
     low, high = g.ci95
-    unit, count = d.baseline.unit, len(g.held_out)
+    count, sizes = len(g.held_out), iter(text.measured_alike(sum(g.per_regime.values(), ()), d.baseline.unit))
     change = f"falls by {text.percent(g.rmse_reduction)}"
     if g.rmse_reduction <= 0.0:
         change = f"rises by {text.percent(-g.rmse_reduction)}"
@@ -190,8 +191,7 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
         "text": f"On {count} whole trajectories, each predicted by a model that was fitted without it, the RMS error "
         f"{change} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
         "regimes": [
-            (name, text.measured(before, unit), text.measured(after, unit), _change(before, after))
-            for name, (before, after) in g.per_regime.items()
+            (name, next(sizes), next(sizes), _change(before, after)) for name, (before, after) in g.per_regime.items()
         ],
     }
 
@@ -232,7 +232,7 @@ def _data(d: Diagnosis) -> list[tuple[str, str]]:
             velocity += "" if derived == len(runs) else f", in {derived} of the trajectories"
         rows += [
             ("Trajectories", f"{len(runs)}, together {length:.0f} s, {r.samples:,} samples at {rate}"),
-            ("Units", ", ".join(f"{text.quantity(key, r.units)} [{u}]" for key, u in r.units.items())),
+            ("Units", ", ".join(f"{text.quantity(k, r.units)} [{u}]" for k, u in r.units.items() if u != NO_INPUT)),
             ("Velocity", velocity),
         ]
     rows += [("Put right", line) for line in r.repaired()]

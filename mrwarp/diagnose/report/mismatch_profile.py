@@ -7,7 +7,7 @@ looked at as it is, along the motion, and along the torque, whichever lets more 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -113,6 +113,12 @@ def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
     return [Axis(label=f"time since the last step of the {name} [s]", x=since, signs=step, logarithmic=True), *found]
 
 
+def folded(angle: Axis, periods: float) -> Axis:
+    """The angle within one period of what goes as ``sin(periods * q)``: no bin can alias with it."""
+    period = 2.0 * np.pi / periods
+    return replace(angle, label=f"{angle.label}, within one period of {period:.3g}", x=angle.x % period)
+
+
 def predicted(traces: Traces, units: dict[str, str]) -> Axis:
     """What the extension adds, as an axis: if it is the cause, the mismatch follows it one to one."""
     return Axis(
@@ -166,6 +172,8 @@ def _labels(axis: Axis) -> tuple[np.ndarray, np.ndarray] | None:
 def _profile(axis: Axis, meaning: str, labels: tuple[np.ndarray, np.ndarray], t: Traces) -> Profile | None:
     (label, centre), sign = labels, axis.signs[meaning]
     good = (label >= 0) & (sign != 0.0)
+    if t.counts is not None:
+        good &= t.counts
     bins, runs = len(centre), len(t.start) - 1
     run = np.repeat(np.arange(runs), np.diff(t.start))
     cell = run[good] * bins + label[good]
@@ -181,7 +189,8 @@ def _profile(axis: Axis, meaning: str, labels: tuple[np.ndarray, np.ndarray], t:
     rest = sums(sign * (t.torque - t.extended))
     after = rest.sum(0) / total
     band = _band(rest, count, after, _correlated_noise(t))
-    mean_square = float(np.mean((t.torque - t.baseline) ** 2)) * len(sign)
+    seen = np.ones(len(sign)) if t.counts is None else t.counts
+    mean_square = float(seen @ (t.torque - t.baseline) ** 2)
     error = (band / 1.96) ** 2
 
     def explained(mean: np.ndarray) -> float:
@@ -293,6 +302,8 @@ def surface(across: Axis, up: Axis, t: Traces) -> Surface | None:
         return None
     columns, rows = len(x) - 1, len(y) - 1
     inside = (across.x >= x[0]) & (across.x <= x[-1]) & (up.x >= y[0]) & (up.x <= y[-1])
+    if t.counts is not None:
+        inside &= t.counts
     column = np.clip(np.searchsorted(x, across.x[inside], side="right") - 1, 0, columns - 1)
     row = np.clip(np.searchsorted(y, up.x[inside], side="right") - 1, 0, rows - 1)
     cell = row * columns + column

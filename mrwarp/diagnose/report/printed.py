@@ -35,10 +35,10 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
             found.append(f"{cause.name}: these data do not tell it from {', '.join(cause.alternatives)}")
     if d.verdict is not None:
         unit = d.baseline.unit
-        errors = [("baseline", text.measured(d.baseline.rmse, unit), f"NRMSE {d.baseline.nrmse:.2%}")]
+        before, after = text.measured_alike((d.baseline.rmse, d.extended.rmse), unit)
+        errors = [("baseline", before, f"NRMSE {d.baseline.nrmse:.2%}")]
         if d.gain is not None:
             low, high = d.gain.ci95
-            after = text.measured(d.extended.rmse, unit)
             change, least, most = (f"{-100.0 * x:+.1f}" for x in (d.gain.rmse_reduction, low, high))
             errors.append(("with the extension", after, f"NRMSE {d.extended.nrmse:.2%}"))
             errors.append(("change", f"{change} %", f"{most} to {least} %"))
@@ -70,10 +70,8 @@ def learned_table(found: Mapping[str, Any], unit: str) -> Table:
         f"RMSE without it, on {len(found['held_out'])} trajectories it was not trained on": found["physical"],
         "RMSE with it, on the same": found["with_learned"],
     }
-    rows = [
-        (name, text.measured(a, unit), text.measured(b, unit), f"{100.0 * (b / a - 1.0):+.0f} %")
-        for name, (a, b) in pairs.items()
-    ]
+    sizes = iter(text.measured_alike((x for pair in pairs.values() for x in pair), unit))
+    rows = [(name, next(sizes), next(sizes), f"{100.0 * (b / a - 1.0):+.0f} %") for name, (a, b) in pairs.items()]
     return Table(head=("", "On the baseline", "On the extension", "Change"), rows=rows)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,13 @@ from mrwarp.diagnose.report.mismatch_profile import (
     Surface,
     axes_of,
     best_profile,
+    folded,
     is_extended,
     predicted,
     profile,
     surface,
 )
-from mrwarp.diagnose.result import Diagnosis, Traces
+from mrwarp.diagnose.result import Cause, Diagnosis, Traces
 from mrwarp.diagnose.verdict_text import axis_label, capital, short, title
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.dataset import of_commonest_rate, rms, session_clock
@@ -65,8 +67,13 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
     rows: list[tuple[Profile | None, str]] = []
     for cause in d.causes[:2]:
         law = CATALOGUE.get(cause.name)
-        axes = [axis for v in (law.depends_on if law else ()) for axis in axes_of(v, t, units)]
-        rows.append((best_profile(axes, t), true_names(title(cause.name), units)))
+        alone, name = t, true_names(title(cause.name), units)
+        if cause.name in t.without:  # several causes: what this one takes away, not what the others do
+            alone, name = replace(t, baseline=t.without[cause.name]), f"{name}: with all else, and with it too"
+        axes = [axis for v in (law.depends_on if law else ()) for axis in axes_of(v, alone, units)]
+        if periods := _periods(cause):
+            axes = [folded(axes_of("q", alone, units)[0], periods)]
+        rows.append((best_profile(axes, alone), name))
     plane = _plane(d)
     if d.unexplained is not None and plane is None:
         for name in d.unexplained.depends_on[:2]:
@@ -148,7 +155,10 @@ def variables_picture(d: Diagnosis) -> Figure | None:
     """Mismatch against each variable, each in the view that shows most."""
     t, units = _traces(d), d.recording.units
     names = ("q", "qd", "qdd", "current", "time")
-    found = [p for name in names for axis in axes_of(name, t, units) if (p := profile(axis, t)) is not None]
+    axes = [axis for name in names for axis in axes_of(name, t, units)]
+    if periods := next(filter(None, map(_periods, d.causes)), 0.0):
+        axes[0] = folded(axes[0], periods)
+    found = [p for axis in axes if (p := profile(axis, t)) is not None]
     if not found:
         return None
     figure = Figure(figsize=(WIDTH, 2.4 * len(found) + 0.4), layout="constrained")
@@ -166,9 +176,10 @@ def spectrum_picture(d: Diagnosis) -> Figure:
     steps = np.array([run.dt for run in d.recording.trajectories])
     alike = of_commonest_rate(steps, t.start)
     same, rate = [t.parts[k] for k in np.flatnonzero(alike)], 1.0 / float(np.median(steps[alike]))
-    ax.plot(*_density(t.torque - t.baseline, same, rate), color=BEFORE, label="baseline")
+    seen = np.ones(len(t.torque)) if t.counts is None else t.counts
+    ax.plot(*_density(seen * (t.torque - t.baseline), same, rate), color=BEFORE, label="baseline")
     if is_extended(t):
-        ax.plot(*_density(t.torque - t.extended, same, rate), color=AFTER, ls="--", label="with the extension")
+        ax.plot(*_density(seen * (t.torque - t.extended), same, rate), color=AFTER, ls="--", label="with the extension")
     level = t.noise_rms / np.sqrt(0.5 * rate)
     ax.axhline(level, color="0.45", lw=1.4, ls=":", label="the noise, if it were white")
     ax.set(xlabel="frequency [Hz]", ylabel=f"mismatch [{units['torque']}/√Hz]")
@@ -189,6 +200,11 @@ MAKERS: dict[str, Callable[[Diagnosis], Figure | None]] = {
 
 
 # --- parts ---
+
+
+def _periods(cause: Cause) -> float:
+    """How often a cause repeats along the angle, per 2π; 0 where it does not."""
+    return next((v.value for name, v in cause.parameters.items() if name.startswith("periods")), 0.0)
 
 
 def _plane(d: Diagnosis) -> Surface | None:

@@ -1,0 +1,99 @@
+"""Spikes: a few samples that stand out of all that is smooth, carry much of a mismatch, and come again nowhere.
+
+A missing mechanism leaves a mismatch of its own form: a lag after every step of the control input, play after every
+reversal. What is left of it far above the typical size is no spike where it sits at such events, or has one sign along
+the motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+from scipy.stats import binomtest
+
+from mrwarp.identify.dataset import Dataset
+
+FAR = 6.0
+"""Size of a spike, in robust standard deviations of what is left: one in 500 million samples of normal noise."""
+_MOST = 0.05
+"""Largest share of samples that may be spikes: what is more frequent is no exception."""
+_CARRY, _SIZE = 0.2, 0.1
+"""Least share of the squared mismatch, and least RMS over the torque's standard deviation, that spikes carry: below,
+the fits hardly bend."""
+_EVENT, _LOCKED = 0.1, 3.0
+"""Time after a reversal or a step of the control input [s], and ratio of the rates of far samples in these times and
+outside, from which they belong to the events."""
+_JUMP, _MOVING = 0.05, 0.05
+"""Least step of the control input, as a share of its largest value, and least speed of a direction, as a share of the
+typical one."""
+_CHANCE, _ONE_SIGN = 1e-3, 0.5
+"""Chance of the far stretches having one sign so often along the motion, and share of their sum that one sign has over,
+below and above which they have a law."""
+_BEFORE, _AFTER = 1, 4
+"""Samples left out around each spike: noise is judged by what came just before."""
+
+
+def find_spikes(left: np.ndarray, simulated: np.ndarray, samples: Dataset, counts: np.ndarray) -> np.ndarray:
+    """Samples that are spikes, bool, shape (N,).
+
+    Args:
+        left: What models leave of the torque, shape (N,).
+        simulated: Their torque, shape (N,).
+        samples: The samples.
+        counts: Samples that count, bool, shape (N,).
+    """
+    far = far_off(left, samples, counts)
+    for window in _events(samples):
+        inside, outside = _rate(far, window & counts), _rate(far, ~window & counts)
+        if inside > _LOCKED * outside:
+            far &= ~window
+    stretches = np.cumsum(np.diff(far.astype(int), prepend=0) == 1) * far
+    count = int(stretches.max())
+    if count == 0:
+        return far
+    for along in (samples.qd, simulated - np.median(simulated)):
+        sums = np.bincount(stretches, weights=left * np.sign(along), minlength=count + 1)[1:]
+        one_sign = abs(float(sums.sum())) > _ONE_SIGN * float(np.abs(sums).sum())
+        if one_sign and binomtest(int((sums > 0.0).sum()), count).pvalue < _CHANCE:
+            return np.zeros(len(left), dtype=bool)
+    carried = float(np.sum(left[far] ** 2))
+    heavy = carried > _CARRY * float(np.sum(left[counts] ** 2))
+    large = carried > _SIZE**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
+    return far if heavy and large and far.sum() <= _MOST * counts.sum() else np.zeros(len(left), dtype=bool)
+
+
+def _rate(far: np.ndarray, at: np.ndarray) -> float:
+    """Share of far samples among those at some."""
+    return float(far[at].mean()) if at.any() else 0.0
+
+
+def far_off(left: np.ndarray, samples: Dataset, counts: np.ndarray) -> np.ndarray:
+    """Samples that are far from zero by what is typical in all, or in their trajectory if that is more; bool, (N,)."""
+    typical = np.full(len(left), float(np.median(np.abs(left[counts]))))
+    for part in samples.parts:
+        if counts[part].any():
+            typical[part] = np.maximum(typical[part], np.median(np.abs(left[part][counts[part]])))
+    return counts & (np.abs(left) > FAR * 1.4826 * typical)
+
+
+def beside_spikes(spikes: np.ndarray, samples: Dataset) -> np.ndarray:
+    """Spikes with the samples around them that they reach into, bool, shape (N,)."""
+    out, size = np.zeros(len(spikes), dtype=bool), _BEFORE + 1 + _AFTER
+    for part in samples.parts:
+        out[part] = binary_dilation(spikes[part], np.ones(size), origin=_BEFORE - size // 2)
+    return out
+
+
+def _events(samples: Dataset) -> list[np.ndarray]:
+    """Samples within a moment after a reversal, from the last one that moves on, and after a step of the input."""
+    turned, stepped = (np.zeros(len(samples.qd), dtype=bool) for _ in range(2))
+    least = _MOVING * float(np.percentile(np.abs(samples.qd), 95))
+    jump = _JUMP * float(np.abs(samples.current).max())
+    for part, dt in zip(samples.parts, samples.dt, strict=True):
+        reach, qd, here = max(1, round(_EVENT / dt)), samples.qd[part], np.arange(part.start, part.stop)
+        moving = here[np.abs(qd) > least]
+        for k in np.flatnonzero(np.diff(np.sign(samples.qd[moving])) != 0.0):
+            turned[moving[k] : min(moving[k + 1] + reach, part.stop)] = True
+        for k in here[1:][np.abs(np.diff(samples.current[part])) > max(jump, 1e-12)]:
+            stepped[k : min(k + reach, part.stop)] = True
+    return [turned, stepped]

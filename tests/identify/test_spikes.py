@@ -1,0 +1,50 @@
+"""Spikes: what stands out without a law is found, what a missing mechanism leaves is not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mrwarp.identify.dataset import Motion
+from mrwarp.identify.spikes import beside_spikes, find_spikes
+from tests.diagnose import known
+
+
+def measured(seed: int = 1) -> tuple[Motion, np.ndarray]:
+    """Six runs with stepped current and a torque of 1 N·m, and noise of 0.02 N·m that a model leaves."""
+    at = known.motion(seed, runs=6, seconds=4.0)
+    return dataclasses.replace(at, torque=np.sign(at.qd)), 0.02 * np.random.default_rng(seed).normal(size=len(at.qd))
+
+
+def found(at: Motion, left: np.ndarray) -> np.ndarray:
+    """The spikes of what is left."""
+    off = dataclasses.replace(at, torque=at.torque + left)
+    return find_spikes(left, at.torque, off, np.ones(len(left), dtype=bool))
+
+
+@pytest.mark.parametrize("number", [1, 40])
+def test_a_few_samples_far_off_are_found(number: int) -> None:
+    """One of 30 N·m, and one in a hundred of 1 to 9 N·m with either sign: these and no other."""
+    at, left = measured()
+    rng = np.random.default_rng(5)
+    where = np.sort(rng.choice(len(left), number, replace=False))
+    left[where] += 30.0 if number == 1 else rng.uniform(1.0, 9.0, number) * rng.choice([-1.0, 1.0], number)
+    spikes = found(at, left)
+    np.testing.assert_array_equal(np.flatnonzero(spikes), where)
+    wide = beside_spikes(spikes, at)
+    assert spikes.sum() < wide.sum() <= 6 * number and wide[where].all()
+
+
+def test_what_has_a_law_is_no_spike() -> None:
+    """After each step of the current, after each reversal, along the motion, too many, or too small."""
+    at, noise = measured()
+    stepped = np.flatnonzero(np.diff(at.current) != 0.0) + 1
+    turned = np.flatnonzero(np.diff(np.sign(at.qd)) != 0.0) + 1
+    some = np.random.default_rng(2).choice(len(noise), 60, replace=False)
+    many = np.random.default_rng(3).choice(len(noise), len(noise) // 12, replace=False)
+    assert not found(at, noise).any()
+    for where, size in ((stepped, 3.0), (turned, 3.0 * np.sign(at.qd[turned])), (some, 3.0 * np.sign(at.qd[some])),
+                        (many, 3.0), (some, 0.3)):  # fmt: skip
+        left = noise.copy()
+        left[where] += size
+        assert not found(at, left).any()
