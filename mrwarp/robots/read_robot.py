@@ -43,9 +43,14 @@ def read_robot(path: Path, meshes: Meshes | None = None, base: str | None = None
         )
         raise RobotFileError(f"{path}: {path.suffix or 'no ending'} is not {', '.join(SUFFIXES)}; {remedy}")
     meshes = meshes or Meshes()
-    if kind == "URDF" or (kind == "MJCF" and b"<robot" in path.read_bytes()[:4096]):
-        return _read_urdf(path, meshes, base)
-    return read_mjcf(path, meshes.skip, base) if kind == "MJCF" else _read_usd(path, base)
+    if kind == "USD":
+        return _read_usd(path, base)
+    is_urdf = kind == "URDF" or b"<robot" in path.read_bytes()[:4096]
+    robot = _read_urdf(path, meshes, base) if is_urdf else read_mjcf(path, meshes.skip, base)
+    if meshes.skip:
+        text = "--skip-meshes left out all meshes, and with them soles and wheels that are meshes"
+        robot.notes.append(Guess(subject=Subject.FEET, text=text))
+    return robot
 
 
 def _read_urdf(path: Path, meshes: Meshes, base: str | None) -> ForeignRobot:

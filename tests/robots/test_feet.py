@@ -11,6 +11,7 @@ import trimesh
 from mrwarp.robots.drives import Choices
 from mrwarp.robots.legs import understand
 from mrwarp.robots.read_robot import read_robot
+from mrwarp.robots.urdf import Meshes
 from tests.robots.test_strange_robots import BALL, BOX, DOG, PLACES, WALKER, WHEEL, body, leg, legs_of
 
 
@@ -76,3 +77,13 @@ def test_what_spins_above_the_ground_is_no_wheel(file: Callable[..., Path]) -> N
     lidar = body("lidar", "0 0 0.1", "turn", "0 0 1", "", '<geom type="cylinder" size="0.03 0.02"/>')
     found = understand(read_robot(file(DOG + lidar)), Choices())
     assert "turn" in found.layout.joints and any("no limits for turn" in note for note in found.notes)
+
+
+def test_soles_that_are_left_out_are_mentioned(file: Callable[..., Path]) -> None:
+    """A shin's capsule stands in the place of a sole that --skip-meshes takes out: the note says why."""
+    sole = with_mesh(trimesh.creation.box((0.104, 0.042, 0.03)), "0.02 0 -0.06")
+    rod = '<geom type="capsule" fromto="0 0 0 0 0 -0.05" size="0.01"/>'
+    path = file(sole["inner"].replace('<geom type="mesh"', f'{rod}<geom type="mesh"'), head=sole["head"], limit=100.0)
+    assert any("box of its bounds" in note for note in understand(read_robot(path), Choices()).notes)
+    bare = understand(read_robot(path, Meshes(skip=True)), Choices())
+    assert all(foot.box is None for foot in bare.feet) and any("--skip-meshes left out" in note for note in bare.notes)
