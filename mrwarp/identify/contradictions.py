@@ -42,7 +42,7 @@ _PLACE = 0.1
 """Part of it that the mean torque at the same place must predict to belong to the motion."""
 _TURNED = 0.5
 """Part of what plain laws leave of a run's torque that they may leave at most when its sign is turned."""
-_JUMP, _BESIDE = 0.5, 0.02
+_JUMP, _OTHERS = 0.5, 0.02
 """Least jump of the angle between two samples that no joint makes, and largest 95th percentile of its other steps, in
 ranges of the run's angle."""
 _BELONG = 0.5
@@ -146,7 +146,7 @@ def _jumps(recording: Recording) -> str:
         at = np.flatnonzero(steps > _JUMP * reach)
         at = at[(at >= 3) & (at + 4 < len(run.q))]
         stays = [abs(np.median(run.q[k + 1 : k + 5]) - np.median(run.q[k - 3 : k + 1])) > _JUMP * reach for k in at]
-        if any(stays) and np.percentile(steps, 95) < _BESIDE * reach:
+        if any(stays) and np.percentile(steps, 95) < _OTHERS * reach:
             k = int(at[np.argmax(stays)])
             name, unit = quantity("q", recording.units), recording.units["q"]
             return (

@@ -238,7 +238,7 @@ def made_motion(recording: Recording) -> list[str]:
     if any(run.qd_derived for run in runs):
         notes.append("the velocity was derived from q by zero-phase differentiation")
     if any(run.q_integrated for run in runs):
-        notes.append("the angle was integrated from qd: D, C and whatever depends on the place are not to be trusted")
+        notes.append("the angle was integrated from qd: D, C and what depends on the place are not to be trusted")
     return notes
 
 

@@ -138,11 +138,11 @@ def _by_stamps(columns: dict[str, np.ndarray]) -> bool:
     if x is None or len(t) < 5 or np.abs(step - np.median(step)).max() < _ON_TICK * np.median(step):
         return False
     even = np.arange(len(t), dtype=float)
-    stamped, regular = (float(np.abs(_beside(clock, x) - x[2:-2]).mean()) for clock in (t, even))
+    stamped, regular = (float(np.abs(_by_neighbours(clock, x) - x[2:-2]).mean()) for clock in (t, even))
     return stamped < _ALTERNATES * regular
 
 
-def _beside(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _by_neighbours(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Each sample by the cubic through two neighbours on both sides (Lagrange), shape (N - 4,)."""
     count, places = len(t) - 4, (0, 1, 3, 4)
     at, found = t[2:-2], np.zeros(count)
@@ -177,8 +177,8 @@ def _on_grid(part: dict[str, np.ndarray], dt: float, odd: np.ndarray, row: int, 
 def _resampled(name: str, t: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """A column at other times: a commanded control input is held, a measured one taken linearly.
 
-    All else goes by local cubics, which hardly overshoot. A command is told by staying as it is from most samples to
-    the next; between two of its levels it never was.
+    All else goes by local cubics, which hardly overshoot. A command stays as it is from most samples to the next, and was
+    never between two of its levels.
     """
     if name != "current":
         return Akima1DInterpolator(t, x)(grid)
@@ -206,9 +206,9 @@ def _interval(step: np.ndarray) -> float:
         rounded = float(usual.sum() / count) if count > 0 else rounded
     usual = step[step <= 2.5 * dt]
     padded = np.pad(usual, 1, mode="edge")
-    beside = np.minimum(padded[:-2], padded[2:])
+    shorter = np.minimum(padded[:-2], padded[2:])
     for _ in range(3):  # an interval is long by a lost sample, or by a late one: then the next is short
-        lost = np.floor((usual + beside) / dt + 1.0 - _LATE) - np.maximum(np.rint(beside / dt), 1.0) - 1.0
+        lost = np.floor((usual + shorter) / dt + 1.0 - _LATE) - np.maximum(np.rint(shorter / dt), 1.0) - 1.0
         dt = float(usual.sum() / (len(usual) + np.where(usual > 1.5 * dt, np.maximum(lost, 0.0), 0.0).sum()))
     return rounded if abs(rounded - dt) < _AGREE * dt else dt
 

@@ -57,9 +57,9 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
             f"raise the {quantity('current', units)}, or use a sensor of a smaller range, and try again"
         )
     named = "" if every_effect else "; eq. 14 has no such term: mrwarp diagnose looks for it, and writes the model"
-    rest = _beside(data)
+    rest = _without_plain_laws(data)
     qdd = np.concatenate([np.gradient(data.qd[part], dt) for part, dt in zip(data.parts, data.dt, strict=True)])
-    by_inertia = _followed(rest, _beside(data, qdd))
+    by_inertia = _followed(rest, _without_plain_laws(data, qdd))
     turn = 2.0 * np.pi / data.scales.q if units["q"] == "rad" else np.inf
     in_all, in_each = (
         _followed(rest, rest - by_place(data.q, rest, data.parts, turn, own=own)) for own in (False, True)
@@ -110,7 +110,7 @@ def _followed(whole: np.ndarray, left: np.ndarray) -> float:
     return 1.0 - float(left.var()) / max(float(whole.var()), 1e-300)
 
 
-def _beside(data: Dataset, *more: np.ndarray) -> np.ndarray:
+def _without_plain_laws(data: Dataset, *more: np.ndarray) -> np.ndarray:
     """The torque without what the plainest laws of a passive joint, and more columns, say, shape (N,)."""
     rubs = np.tanh(data.qd / (_SOFT * (float(np.percentile(np.abs(data.qd), 95)) or 1.0)))
     columns = [np.ones_like(rubs), data.qd, rubs, data.q, data.current, data.current * rubs, data.current * data.qd]
