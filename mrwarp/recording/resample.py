@@ -177,8 +177,8 @@ def _on_grid(part: dict[str, np.ndarray], dt: float, odd: np.ndarray, row: int, 
 def _resampled(name: str, t: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """A column at other times: a commanded control input is held, a measured one taken linearly.
 
-    All else goes by local cubics, which hardly overshoot. A command stays as it is from most samples to the next, and was
-    never between two of its levels.
+    All else goes by local cubics, which hardly overshoot. A command stays as it is from most samples to the next, and
+    was never between two of its levels.
     """
     if name != "current":
         return Akima1DInterpolator(t, x)(grid)
