@@ -48,6 +48,9 @@ _BENT, _BENT_T = 0.05, 4.0
 _HARMONIC_T = 2.0
 """That ratio for further harmonics, all that bends where a joint turns all the way round: a line at one place of the
 spectrum stands in for nothing else, as the bend of a law may."""
+_STIFFER, _CLEARLY = 4.0, 0.02
+"""Factor of the stiffness from which a device behind play or a spring is fitted again, and the share of the squared
+error that this has to take away."""
 _LINE = 0.02
 """Least gain of a further harmonic, as a share of what the model leaves without it."""
 _CARRIED_T = 1.0
@@ -227,7 +230,27 @@ def plain_fit(problem: Problem, fit: Fit, *, bent: bool = False) -> Fit:
     """The model, with ``bent`` laws if asked, by least squares without whitening, offsets and factors still let go."""
     plain = replace(problem.noise, whitening=np.ones(1), sigma=problem.noise.rms)
     layout = fit.parameters.bent() if bent else fit.parameters
-    return fit_model(replace(problem, noise=plain), layout.steeper(), fit.parameters.moved(fit.x, layout))
+    problem = replace(problem, noise=plain)
+    return _as_stiff(problem, fit_model(problem, layout.steeper(), fit.parameters.moved(fit.x, layout)))
+
+
+def _as_stiff(problem: Problem, fit: Fit) -> Fit:
+    """The model fitted again from a stiffer device behind its play or spring, as long as that is clearly better.
+
+    A little of the spring is as good as a softer device, so fits from there creep, and stop where contacts that come
+    and go between samples roughen the loss.
+    """
+    while set(YIELDING) & set(fit.effects) and not fit.parameters.law:
+        x = fit.x.copy()
+        x[SHAPE_PART.start + 1 : SHAPE_PART.stop] += np.log(_STIFFER)
+        x[[LINEAR.index("K0"), LINEAR.index("K1")]] *= _STIFFER
+        if (x > fit.parameters.high).any():
+            break
+        stiff = fit_model(problem, fit.parameters, x)
+        if stiff.loss.sum() > (1.0 - _CLEARLY) * fit.loss.sum():
+            break
+        fit = stiff
+    return fit
 
 
 def reported_fit(problem: Problem, fit: Fit) -> Fit:
