@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.result import Value
+from mrwarp.diagnose.held_out import Account, Share
+from mrwarp.diagnose.result import Tried, Unexplained, Value
+from mrwarp.diagnose.verdict_text import measured_alike, sentence_of
 from tests.diagnose import made_up
 
 CONTRACT = {
@@ -53,3 +55,31 @@ def test_an_infinite_interval_is_null(tmp_path: Path) -> None:
     cause = dataclasses.replace(d.causes[0], parameters={"x": value})
     content = json.loads(dataclasses.replace(d, causes=(cause,)).write(tmp_path, "c").read_text())
     assert content["causes"][0]["parameters"]["x"]["ci95"] == [None, None]
+
+
+def test_no_verdict_contradicts_itself() -> None:
+    """Structure along a variable names the effect that lies there; what repeats and what can be learned go together."""
+    inertia = Tried(name="rotor_inertia", gain=0.01, error=0.01, values={}, outcome="rejected: it only fits noise")
+    along = Unexplained(depends_on=("qdd",), form="smooth", share=0.5)
+    said = sentence_of(made_up.make("unexplained", unexplained=along, tried=(inertia,)))
+    assert "along the acceleration that inertia does not explain" in said and "catalogue" not in said
+
+    def share(x: float) -> Share:
+        return Share(share=x, ci95=(x, x))
+
+    account = Account(
+        named=share(0.0), repeatable=share(0.29), not_repeatable=share(0.71), left=0.3, cycle_spread=0.2,
+        learnable=share(0.01),
+    )  # fmt: skip
+    said = sentence_of(made_up.make("unexplained", account=account))
+    assert "29 % of the squared mismatch comes again where the same motion does" in said
+    assert "takes only 1 % off" in said and "needs more runs" in said and "up to 16 %" in said
+    assert "in every run" in sentence_of(
+        made_up.make("unexplained", account=dataclasses.replace(account, learnable=share(0.15)))
+    )
+
+
+def test_one_quantity_has_one_unit() -> None:
+    """That of the largest number."""
+    assert measured_alike((0.7, 0.03), "N·m") == ["0.7 N·m", "0.03 N·m"]
+    assert measured_alike((0.07, 0.03), "N·m") == ["70 mN·m", "30 mN·m"]

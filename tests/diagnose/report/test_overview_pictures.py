@@ -9,6 +9,8 @@ import pytest
 
 from mrwarp.diagnose.report import mismatch_profile as profiles
 from mrwarp.diagnose.report import overview_pictures as pictures
+from mrwarp.diagnose.report import trace_pictures as traces
+from mrwarp.diagnose.result import Value
 from mrwarp.diagnose.verdict_text import quantity
 from tests.diagnose import made_up
 
@@ -119,3 +121,28 @@ def test_a_variable_that_does_not_vary_has_no_profile() -> None:
     [axis] = profiles.axes_of("current", t, UNITS)
     assert profiles.profile(axis, t) is None
     assert "current" not in {a.label for a in profiles.axes_of("memory", t, UNITS)}
+
+
+def test_each_of_several_causes_is_shown_by_what_it_takes_away() -> None:
+    """Under a cause's title stands the mismatch without it alone, and cogging is drawn within one of its periods."""
+    d = made_up.make("named")
+    t = d.traces
+    assert t is not None
+    wave = 0.2 * np.sin(60.0 * t.q)
+    cogging = dataclasses.replace(
+        d.causes[0],
+        name="cogging",
+        alternatives=(),
+        parameters={"periods": Value(value=60.0, ci95=(59, 61), unit="1/rad")},
+    )
+    t = dataclasses.replace(
+        t, torque=t.torque + wave, extended=t.extended + wave,
+        without={"coil_lag": t.baseline + wave, "cogging": t.extended},
+    )  # fmt: skip
+    figure = traces.evidence_picture(dataclasses.replace(d, causes=(*d.causes, cogging), traces=t))
+    assert figure is not None
+    lag, teeth = figure.axes[:2]
+    assert "Coil lag" in lag.get_title() and "time since the last step" in lag.get_xlabel()
+    assert "ogging" in teeth.get_title() and "one period of 0.105" in teeth.get_xlabel()
+    before, after = (np.asarray(line.get_ydata()) for line in teeth.get_lines()[1:3])
+    assert np.ptp(before) == pytest.approx(0.4, rel=0.1) and np.ptp(after) < 0.05
