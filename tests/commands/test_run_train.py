@@ -212,7 +212,7 @@ def test_a_missed_gate_of_several_processes_is_no_error(
     """Torchrun shows a traceback after any other exit code than 0; a lone process ends with 1."""
     scene = SimpleNamespace(sim=SimpleNamespace(scene=SimpleNamespace(actuators=())), cfg=make_walk_cfg())
     result = {"stopped": "iterations", "gate_passed": False, "seconds": 1.0, "iterations": 1}
-    trainer = SimpleNamespace(env=scene, run=lambda: result)
+    trainer = SimpleNamespace(env=scene, run=lambda **_: result)
     monkeypatch.setattr("mrwarp.rl.trainer.Trainer", lambda *_, **__: trainer)
     monkeypatch.setattr(Ranks, "leave", lambda _: None)
     options = Train(out=tmp_path)
