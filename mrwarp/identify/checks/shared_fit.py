@@ -145,8 +145,12 @@ class SharedFit:
 
 
 def _moments(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances of the features, and theirs with the torque, shape (K, K) and (K,)."""
+    """Covariances of the features, and theirs with the torque, shape (K, K) and (K,).
+
+    A feature that is constant, as a held current, varies with nothing: what the rounding of its mean leaves is none.
+    """
     dx = x - x.mean(axis=0)
+    dx[:, np.abs(dx).max(axis=0) <= len(x) * np.finfo(float).eps * np.abs(x).max(axis=0)] = 0.0
     return dx.T @ dx / len(y), dx.T @ (y - y.mean()) / len(y)
 
 
