@@ -75,7 +75,7 @@ class Diagnose(opt.LogOptions):
         try:
             given = self._read(progress)
             quiet_libraries(gpu=False, networks=self.learn or self.impact)
-            from mrwarp.diagnose.countdown import Countdown
+            from mrwarp.diagnose.report.countdown import Countdown
             from mrwarp.diagnose.report.diagnosis_page import render
             from mrwarp.diagnose.report.overview_pictures import draw
             from mrwarp.diagnose.report.printed import lines

@@ -131,11 +131,11 @@ class Fit(Options):
 
         quiet_libraries(gpu=False, networks=False)
         from mrwarp.identify import fit_report
+        from mrwarp.identify.checks.stated import STATED, stated_numbers
         from mrwarp.identify.damper import fit_extended
         from mrwarp.identify.fit import fit, read_holding
         from mrwarp.identify.fit_pictures import loops_picture, residual_picture
         from mrwarp.identify.law_fit import fit_law
-        from mrwarp.identify.stated import STATED, stated_numbers
         from mrwarp.model_file import HOLDING_NOTE, not_known_note, save_model, stated
 
         known = stated_numbers(recording, self.chosen(*STATED))

@@ -25,6 +25,7 @@ from mrwarp.diagnose.problem import (
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import EffectParameter
+from mrwarp.identify.checks.stated import coil_resistance
 from mrwarp.identify.dataset import Motion, Scales, rms
 from mrwarp.identify.fit import BoucWenStructure
 from mrwarp.identify.least_squares import ridge_solve
@@ -32,7 +33,6 @@ from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
 from mrwarp.identify.parameters import LINEAR_PART, Slot, factor_of
 from mrwarp.identify.projection import Progress, search_starts
 from mrwarp.identify.replay import EffectReplay, Replay
-from mrwarp.identify.stated import coil_resistance
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory

@@ -34,9 +34,9 @@ from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import best_single, screen_candidates
 from mrwarp.diagnose.spikes import spikes_of
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.checks.stated import stated_numbers
 from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
-from mrwarp.identify.stated import stated_numbers
 from mrwarp.model_file import Model, Parameter, completed, parameter_unit, stated
 from mrwarp.recording.load import Holding, Recording
 

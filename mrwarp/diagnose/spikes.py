@@ -9,8 +9,8 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
+from mrwarp.identify.checks.lone_samples import beside_spikes, far_off, find_spikes
 from mrwarp.identify.least_squares import ridge_solve
-from mrwarp.identify.spikes import beside_spikes, far_off, find_spikes
 from mrwarp.recording.data import Recording
 
 _ROUNDS = 8

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mrwarp.identify.checks.lone_samples import find_spikes
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.least_squares import Quadratic, Rules, bounded_solve, leave_out, minimise
 from mrwarp.identify.replay import Replay
-from mrwarp.identify.spikes import find_spikes
 
 _STEP = 1e-2
 """Step of the central differences in (logarithmic) shape parameters: truncation and float32 noise both below 1e-4."""

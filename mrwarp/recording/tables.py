@@ -152,7 +152,11 @@ def _read_csv(file: Path, data: bytes, required: Sequence[str], keep: Callable[[
     ids = None
     if "trajectory" in names and keep("trajectory"):
         at = names.index("trajectory")
-        ids = np.array([row[at] for row in _rows(table, text)], dtype=object)
+        if '"' in text:
+            cells = [row[at] for row in _rows(table, text)]
+        else:
+            cells = [line.split(",", at + 1)[at].strip() for line in text.splitlines() if line and not line.isspace()]
+        ids = np.array(cells, dtype=object)
         if len(empty := np.flatnonzero(ids == "")):
             raise _without_id(table, int(empty[0]))
     return replace(table, columns={names[k]: values[:, i].copy() for i, k in enumerate(numbers)}, ids=ids)

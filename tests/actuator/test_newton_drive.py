@@ -406,7 +406,7 @@ def model_file(
     path: Path, effects: tuple[Effect, ...], current: tuple[float, float] | None = None, **values: float
 ) -> Path:
     """A model.json with effects, and other numbers than the paper's."""
-    laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
+    laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "q_offset", "q_center", "T_max", "K", "n")
     values = {**{name: MrParams().to_dict()[name] for name in laws}, **values}
     parameters = {name: Parameter(value=value, unit=MrParams.spec(name).unit) for name, value in values.items()}
     origin = replace(ORIGIN, current=current)
@@ -435,7 +435,9 @@ def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path
     motor = {name: value for name, value in MrParams() if name in ("kp_base", "kd")}
     model = fitted_scene(model_file(tmp_path / "model.json", effects, K1=7.5), NUM, coupling=coupling, **motor)
     rig = Rig(model)
-    other = reference(model, MrActuatorCfg(coupling=coupling), {"K1": np.full(NUM, 7.5)}, effects)
+    other = reference(
+        model, MrActuatorCfg(coupling=coupling), {"K1": np.full(NUM, 7.5), "coil_resistance": np.zeros(NUM)}, effects
+    )
     inputs, mask = trajectory(5, 150), wp.array([True, False, True, False, False], dtype=wp.bool, device="cpu")
     for k in range(150):
         now = {name: values[k] for name, values in inputs.items()}

@@ -21,7 +21,7 @@ from mrwarp.diagnose.result import (
     Verdict,
 )
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.model_file import Effect, FittedOn, Model, Parameter
+from mrwarp.model_file import FittedOn, Model, Parameter, make_effect
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory
 
@@ -122,7 +122,7 @@ def _model(recording: Recording) -> Model:
     return Model(
         parameters={k: Parameter(value=float(flat[k]), unit=MrParams.spec(k).unit) for k in _REQUIRED},
         fitted_on=FittedOn(source="made up", trajectories=8, samples=recording.samples, rate=200.0),
-        effects=(Effect(name="coil_lag", parameters={"time_constant": 0.01, "hold": 0.0}),),
+        effects=(make_effect("coil_lag", {"time_constant": 0.01, "hold": 0.0}),),
     )
 
 

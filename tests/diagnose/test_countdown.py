@@ -2,7 +2,7 @@
 
 import time
 
-from mrwarp.diagnose.countdown import Countdown
+from mrwarp.diagnose.report.countdown import Countdown
 
 
 def test_a_long_step_is_not_mute() -> None:

@@ -38,7 +38,7 @@ def test_the_page_says_first_what_is_wrong_and_where(written: Path) -> None:
     assert "95 %" in page[: page.index('id="where"')]
     for heading in ("Error before and after", "What cannot be known from this log", "Method"):
         assert heading in page
-    assert "shoulder" in page and "elbow" in page and "the robot&#39;s base was fixed" in page
+    assert "shoulder" in page and "elbow" in page and "the robot&#39;s base is fixed" in page
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
 
 

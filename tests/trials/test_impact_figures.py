@@ -19,7 +19,7 @@ SWEEP: dict[str, Any] = {"trials": 10, "currents": (0.0, 1.5)}
 
 def model(*effects: Effect, **more: float) -> Model:
     """The paper's joint, with effects or more parameters."""
-    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", *more)
+    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "q_offset", "q_center", *more)
     values = {**MrParams().to_dict(), **more}
     parameters = {n: Parameter(value=values[n], unit=parameter_unit(n, JOINT_UNITS)) for n in names}
     origin = FittedOn(source="bench", trajectories=1, samples=1, rate=200.0)

@@ -330,7 +330,7 @@ def test_load_robot_refuses_files_and_variants(tmp_path):
     [
         "prepend references = @../outside.usda@",
         "prepend payload = @https://example.com/robot.usda@",
-        'clips = {dictionary default = {asset manifestAssetPath = @/outside/clip.usda@}}',
+        'clips = {dictionary default = {asset manifestAssetPath = @../outside.usda@}}',
     ],
 )  # fmt: skip
 def test_load_robot_refuses_external(tmp_path, new):

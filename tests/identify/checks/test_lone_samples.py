@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mrwarp.identify.checks.lone_samples import beside_spikes, find_spikes
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.spikes import beside_spikes, find_spikes
 from tests.diagnose import known
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from mrwarp.identify.stated import coil_resistance, stated_numbers
+from mrwarp.identify.checks.stated import coil_resistance, stated_numbers
 from mrwarp.model_file import FittedOn, Model, Parameter, parameter_unit, stated
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, RecordingError
