@@ -141,8 +141,9 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> lis
         (("time",), "drift", [time * h, time * hi, time * v, time * sign, time**2 * hi]),
         (("time",), "warming", [w * f for w in (heat, heat_slow) for f in (h, hi, v)]),
     ]
-    if np.ptp(m.current) <= UNCHANGING * np.abs(m.current).max():  # then it is no variable
-        functions = [row for row in functions if "current" not in row[0]]
+    if np.ptp(m.current) <= UNCHANGING * np.abs(m.current).max():  # a constant factor is no variable
+        named = [(tuple(v for v in variables if v != "current"), form, x) for variables, form, x in functions]
+        functions = [row for row in named if row[0]]
     found = [
         Group(variables, form, np.stack(columns), variables == ("time",)) for variables, form, columns in functions
     ]
