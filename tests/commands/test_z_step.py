@@ -24,12 +24,16 @@ from mrwarp.study.plan import plant_cfg
 @pytest.mark.parametrize("name", ["train", "impact", "walk", "mission", "play"])
 def test_every_command_that_simulates_offers_both(name: str) -> None:
     """One option of one name; nothing typed is the exact step, in ``play`` what the policy's task says."""
-    command: Any = COMMANDS[name]
+    command = COMMANDS[name]
     assert isinstance(command, Command)
+
+    def read(*words: str) -> Any:
+        return parse(command.load(), words, name)
+
     needed = ["--agent", "zero"] if name == "play" else []
-    asked = {step: parse(command.load(), [*needed, "--z-step", step], name).z_step for step in ("euler", "exact")}
+    asked = {step: read(*needed, "--z-step", step).z_step for step in ("euler", "exact")}
     assert asked == {"euler": ZStep.EULER, "exact": ZStep.EXACT}
-    assert parse(command.load(), needed, name).z_step is (None if name == "play" else ZStep.EXACT)
+    assert read(*needed).z_step is (None if name == "play" else ZStep.EXACT)
 
 
 def test_nothing_chosen_is_the_exact_step() -> None:
