@@ -76,6 +76,14 @@ def test_recordings_need_the_core_alone(core: Path, tmp_path: Path) -> None:
     assert (tmp_path / "fit" / "model.json").is_file()
 
 
+def test_joints_need_the_core_alone(core: Path, tmp_path: Path) -> None:
+    """A batch of joints steps without torch."""
+    script = "import mrwarp, sys; print(mrwarp.JointBatch(dt=0.005).step(0.0, 1.0, 1.0).shape, 'torch' in sys.modules)"
+    env = {**os.environ, "PYTHONPATH": str(core)}
+    done = subprocess.run([sys.executable, "-S", "-c", script], cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert "(1,) False" in done.stdout, done.stderr
+
+
 @pytest.mark.slow
 def test_a_diagnosis_needs_the_core_alone(core: Path, tmp_path: Path) -> None:
     """A coil's lag is found, and the report is whole."""

@@ -26,7 +26,6 @@ from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_joint import FIELDS, JointParams
 from mrwarp.model_file import Effect
-from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import MrParams
 from mrwarp.runtime import DeviceWarning
 
@@ -223,10 +222,10 @@ class MrActuator:
         self.dt, self.cfg, self.residual = dt, cfg, residual
         if cfg.z_step is ZStep.EULER:
             warn_of_overshoot(self.euler_rate, dt)
-        trained = residual.model if residual is not None else None
-        if isinstance(trained, LearnedModel) and trained.is_residual and trained.z_step != cfg.z_step.value:
-            text = f"the {trained.kind} network was trained on top of the {trained.z_step} step of eq. 15"
-            remedy = f"give that (--z-step {trained.z_step}), or train it again"
+        trained = residual.trained_step if residual is not None else None
+        if trained not in (None, cfg.z_step.value):
+            text = f"the pg_rlstm network was trained on top of the {trained} step of eq. 15"
+            remedy = f"give that (--z-step {trained}), or train it again"
             warnings.warn(f"{text} and runs on the {cfg.z_step.value} one: {remedy}", DeviceWarning, stacklevel=2)
         self._record_launches()
 

@@ -156,6 +156,11 @@ class LearnedTorque:
             )
 
     @property
+    def trained_step(self) -> str | None:
+        """Step of eq. 15 that the network was trained on top of; None for a whole torque or a bare module."""
+        return self.model.z_step if isinstance(self.model, LearnedModel) and self.model.is_residual else None
+
+    @property
     def graphable(self) -> bool:
         """Whether a graph loses nothing: kernels on one thread. Threads that help, and torch, run between graphs."""
         return not self._helpers and self.engine is ResidualEngine.KERNELS

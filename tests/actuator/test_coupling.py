@@ -17,7 +17,7 @@ class Shift:
     def __init__(self) -> None:
         self.calls: list[tuple[tuple[int, ...], int]] = []
 
-    graphable, model = False, None
+    graphable, trained_step = False, None
 
     def bind(self, *arrays: wp.array) -> None:
         """Nothing to prepare."""
