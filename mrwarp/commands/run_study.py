@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from mrwarp.commands.run_train import Learning
-from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, RANDOMIZATIONS, TERRAINS, TRAINABLE
+from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, RANDOMIZATIONS, TERRAINS, TRAINABLE, Coupling
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import POLICIES
@@ -41,18 +41,22 @@ class Trained(Learning):
     """ground of every training"""
     randomize: Annotated[str, opt.one_of(RANDOMIZATIONS)] = "ground"
     """what differs between environments: by default friction and kicks, as in legged_gym"""
+    coupling: Coupling = Coupling.EXPLICIT
+    """how devices act: the paper's explicit torque, or a brake that sticks (go1, mr_go, mr_go_sal*: by their names)"""
     power_price: opt.NotNegative = 0.002
     """price of a watt for go1, mr_go and mr_go_sal* [1/W]"""
     runs: opt.Folder = Path("runs/study")
     """folder of the runs"""
-    seeds: opt.Seeds = (0, 1, 2)
+    seeds: opt.Seeds = (0, 1, 2, 3, 4)
     """training seeds"""
 
     def study_cfg(self, start_from: Path | None = None) -> StudyCfg:
         """What all trainings share."""
         from mrwarp.study.plan import StudyCfg
 
-        same = self.chosen("num_envs", "iterations", "terrain", "seeds", "plants", "randomize", "power_price")
+        same = self.chosen(
+            "num_envs", "iterations", "terrain", "seeds", "plants", "randomize", "power_price", "coupling"
+        )
         return StudyCfg(**same, start_from=start_from, learning=self.learning())
 
 

@@ -51,12 +51,14 @@ class Learning(Options):
     """divergence between the policies of two updates; 0.01 settles a gait"""
     entropy: opt.NotNegative = 0.003
     """weight of the entropy, which keeps up exploration, in the loss"""
+    symmetry: Literal["on", "off"] = "on"
+    """whether networks treat left and right in the same way, where the robot is its own mirror image"""
 
     def learning(self) -> LearningCfg:
         """As the trainer takes it."""
         from mrwarp.rl.ppo_cfg import LearningCfg
 
-        return LearningCfg(desired_kl=self.desired_kl, entropy=self.entropy)
+        return LearningCfg(desired_kl=self.desired_kl, entropy=self.entropy, symmetry=self.symmetry == "on")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,6 +309,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
             "seed": content["seed"],
             "desired_kl": learning["desired_kl"],
             "entropy": learning["entropy"],
+            "symmetry": "on" if learning["symmetry"] else "off",
             "out": path.parent,
             **content.get("run", {}),  # files of earlier versions do not hold it
         }

@@ -128,9 +128,9 @@ def portable(shipped: str) -> str:
 
 
 def learned(content: dict[str, Any]) -> dict[str, float]:
-    """Settings of :class:`LearningCfg` in a checkpoint or result; files of earlier versions have the defaults."""
+    """Settings of :class:`LearningCfg` in a checkpoint or result; earlier versions: the defaults, no symmetry."""
     said = content.get("learning")
-    return {**asdict(LearningCfg()), **(said if isinstance(said, dict) else {})}
+    return {**asdict(LearningCfg(symmetry=False)), **(said if isinstance(said, dict) else {})}
 
 
 def check_same(path: Path, content: dict[str, Any], own: Mapping[str, Any]) -> None:

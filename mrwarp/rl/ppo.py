@@ -22,6 +22,9 @@ from tensordict import TensorDict
 from torch import nn
 from torch.optim.adam import adam
 
+from mrwarp.env.mirror import Mirror
+from mrwarp.rl.symmetry import SymmetricNetwork, symmetric_networks
+
 COVERED = {
     "schedule": "adaptive",
     "use_clipped_value_loss": True,
@@ -206,6 +209,7 @@ class PPO(algorithms.PPO):
         if type(distribution) is not GaussianDistribution or distribution.std_type != "scalar":
             raise ValueError(f"PPO with {distribution}: only a GaussianDistribution of std_type 'scalar' is covered")
         self.critic_only = False
+        self._symmetric: dict[MLPModel, SymmetricNetwork] = {}
         self._distribution = distribution
         self._std_then = self.std
         self._actor_layers, self._critic_layers = linear_layers(actor), linear_layers(critic)
@@ -223,6 +227,13 @@ class PPO(algorithms.PPO):
         groups = [{**group, "fused": True} for group in optimizer["param_groups"]]
         fused = {**loaded_dict, "optimizer_state_dict": {**optimizer, "param_groups": groups}}
         return super().load(fused, load_cfg, strict)
+
+    def be_symmetric(self, mirror: Mirror, *, drawn: bool) -> None:
+        """Make both networks symmetric and keep them so; ``drawn``: their weights were drawn at random."""
+        actor, critic = symmetric_networks(self.actor, self.critic, mirror)
+        self._symmetric = {self.actor: actor, self.critic: critic}
+        for network in self._symmetric.values():
+            network.begin(drawn=drawn)
 
     @torch.no_grad()
     def get_policy(self) -> MLPModel:
@@ -306,8 +317,8 @@ class PPO(algorithms.PPO):
                 actor.step(self.learning_rate)
             critic.step(self.learning_rate)
         observations = self.storage.observations.flatten(0, 1)
-        self.actor.update_normalization(observations)
-        self.critic.update_normalization(observations)
+        self._update_normalization(self.actor, observations)
+        self._update_normalization(self.critic, observations)
         return losses
 
     def _learn_side_by_side(self, actor: _Learner, critic: _Learner, batches: list[Rollout]) -> _Losses:
@@ -328,7 +339,7 @@ class PPO(algorithms.PPO):
                 rates.put(self.learning_rate)
                 if not self.critic_only:
                     actor.step(self.learning_rate)
-            self.actor.update_normalization(observations)
+            self._update_normalization(self.actor, observations)
         finally:
             rates.put(None)  # should there be no more, the critic must not wait for them
             work.result()
@@ -351,7 +362,16 @@ class PPO(algorithms.PPO):
             if (rate := rates.get()) is None:
                 return
             critic.step(rate)
-        self.critic.update_normalization(observations)
+        self._update_normalization(self.critic, observations)
+
+    def symmetric_of(self, model: MLPModel) -> SymmetricNetwork | None:
+        """What keeps a network symmetric; None where nothing does."""
+        return self._symmetric.get(model)
+
+    def _update_normalization(self, model: MLPModel, observations: TensorDict) -> None:
+        model.update_normalization(observations)
+        if symmetric := self.symmetric_of(model):
+            symmetric.average_normaliser()
 
     def _actor_gradient(self, net: NetGradient, batch: Rollout, losses: _Losses) -> torch.Tensor:
         """Gradient of surrogate loss and entropy bonus; returns the divergence from the collecting policy.
@@ -417,7 +437,7 @@ class _Learner(NetGradient):
 
     def __init__(self, ppo: PPO, model: MLPModel, batch: int) -> None:
         super().__init__(model, batch)
-        self._max_norm = ppo.max_grad_norm
+        self._max_norm, self._symmetric = ppo.max_grad_norm, ppo.symmetric_of(model)
         self._group = ppo.optimizer.param_groups[0]
         self._to_move: list[torch.Tensor] = [*self.gradients]
         self._along = [*self.gradients.values()]
@@ -432,7 +452,9 @@ class _Learner(NetGradient):
         )
 
     def step(self, rate: float) -> None:
-        """Clip the gradient and take a step along it."""
+        """Clip the gradient, averaged with its mirror image where the network is symmetric; take a step along it."""
+        if self._symmetric is not None:
+            self._symmetric.average(self.row)
         self.row *= (self._max_norm / (torch.linalg.vector_norm(self.row) + 1e-6)).clamp_(max=1.0)
         beta1, beta2 = self._group["betas"]
         adam(

@@ -24,6 +24,10 @@ class LearningCfg:
     entropy: float = 0.003
     """Weight of the entropy in the loss, which keeps up the exploration; a tenth of it settles a gait."""
 
+    symmetry: bool = True
+    """Whether networks treat left and right in the same way, see :mod:`mrwarp.rl.symmetry`; a robot that is not its own
+    mirror image is trained without, and the training says so."""
+
     def __post_init__(self) -> None:
         if not 0.0 < self.desired_kl < math.inf:
             raise ValueError(f"desired_kl = {self.desired_kl} must be positive and finite")

@@ -15,6 +15,7 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.mirror import NoMirrorError, mirror_of
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl import checkpoint, policy, progress
 from mrwarp.rl.checkpoint import task
@@ -102,6 +103,12 @@ class Trainer:
             algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
         self.algorithm = cast(PPO, algorithm)  # rsl-rl promises only its own
         self.started_from = take_networks(self.algorithm, networks) if networks else None
+        if cfg.learning.symmetry:
+            try:
+                self.algorithm.be_symmetric(mirror_of(self.env), drawn=networks is None)
+            except NoMirrorError as reason:
+                if ranks.main:
+                    print(f"note: trained without left-right symmetry ({reason})", flush=True)
         if ranks.world > 1:
             self.algorithm.broadcast_parameters()
         self.iteration = 0

@@ -77,7 +77,7 @@ SETTLING = 256, 750
 price ``plan.POWER_PRICE``. It also makes what an arm begins with where no policy of MR_Go-SAL with devices that stick
 is shipped (seeds 3 and 4), from the shipped one of that seed with the paper's explicit torque."""
 
-LEARNING = LearningCfg(desired_kl=0.01, entropy=0.0005)
+LEARNING = LearningCfg(desired_kl=0.01, entropy=0.0005, symmetry=False)
 """How fast networks learn: a step that settles a gait."""
 
 

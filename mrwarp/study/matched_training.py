@@ -208,6 +208,7 @@ def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
         threads=threads,
         randomize=cfg.randomize,
         power_price=cfg.power_price,
+        coupling=cfg.coupling,
     )
 
 
@@ -224,8 +225,9 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
         learning=cfg.learning,
         command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
         f"{cfg.iterations} --terrain {cfg.terrain} --randomize {cfg.randomize}"
-        + (f" --power-price {cfg.power_price:g}" if plant in PAYING else "")
+        + (f" --power-price {cfg.power_price:g}" if plant in PAYING else f" --coupling {cfg.coupling.value}")
         + f" --desired-kl {cfg.learning.desired_kl:g} --entropy {cfg.learning.entropy:g}"
+        + ("" if cfg.learning.symmetry else " --symmetry off")
         + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
     )
     return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
