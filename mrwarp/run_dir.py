@@ -11,6 +11,7 @@ import math
 import os
 import platform
 from collections.abc import Iterator, Mapping
+from enum import Enum
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -170,6 +171,8 @@ def plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, Enum):
+        return value.value
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from mrwarp.commands.run_train import Learning
-from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, RANDOMIZATIONS, TERRAINS, TRAINABLE, Coupling
+from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, PUBLIC, RANDOMIZATIONS, TERRAINS, TRAINABLE, Coupling
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import POLICIES
@@ -112,7 +112,7 @@ class Figure5(Options):
     """output folder"""
     policies: opt.Folder = POLICIES / "study"
     """policies and records, by default the shipped ones"""
-    seeds: opt.Seeds = (0, 1, 2)
+    seeds: opt.Seeds = (0, 1, 2, 3, 4)
     """training seeds"""
 
     def run(self, line: CommandLine) -> int:
@@ -147,9 +147,11 @@ class Evaluation(Options):
     """policies and records, by default the shipped ones"""
     rollouts: opt.Count = 3
     """rollouts per policy"""
+    coupling: Coupling = Coupling.EXPLICIT
+    """how the plant's devices act: the paper's explicit torque, or a brake that sticks"""
     seed: opt.Seed = 0
     """seed of poses and gait phases"""
-    seeds: opt.Seeds = (0, 1, 2)
+    seeds: opt.Seeds = (0, 1, 2, 3, 4)
     """training seeds"""
     threads: opt.Whole = 0
     """CPU threads; 0 = all, the figures are the same"""
@@ -161,7 +163,7 @@ class Evaluation(Options):
 
         from mrwarp.study.rollouts import EvaluationCfg
 
-        chosen = self.chosen("seeds", "rollouts", "seed", "threads", *self.same)
+        chosen = self.chosen("seeds", "rollouts", "seed", "threads", "coupling", *self.same)
         cfg = EvaluationCfg(**chosen, **self.fixed, folder=self.policies)
         progress = ProgressLine(sys.stdout)
         try:
@@ -211,6 +213,23 @@ class Table2Options(Table3Options):
         table = paper_tables.table2(cfg, aware=self.aware, report=report)
         lines, met = paper_tables.table2_lines(table)
         return lines, paper_tables.figures(table), met
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality(Evaluation):
+    """Whether policies keep the rules of good ones, each on the robot that it was trained for, with all its current."""
+
+    out: opt.Folder = Path("runs/quality")
+    """output folder"""
+    plants: Annotated[tuple[str, ...], opt.some_of((*PLANTS, PUBLIC))] = (*PLANTS, PUBLIC)
+    """trainings"""
+
+    def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
+        from mrwarp.study import gait_quality
+
+        rows = gait_quality.evaluate(cfg, self.plants, report)
+        lines, kept = gait_quality.lines(rows)
+        return lines, {"policies": rows, "units": gait_quality.UNITS, "rules": asdict(gait_quality.Rules())}, kept
 
 
 @dataclass(frozen=True, kw_only=True)

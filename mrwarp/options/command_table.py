@@ -43,6 +43,7 @@ STUDY = {
     "table2": Command("run_study:Table2Options", "conventional and actuator-aware policies, SAL off and on"),
     "table3": Command("run_study:Table3Options", "torque models in training"),
     "causes": Command("run_study:Causes", "which part of the plant makes a policy's velocity error"),
+    "quality": Command("run_study:Quality", "whether policies keep the rules of good ones: attitude, sides, slip"),
     "fig5": Command("run_study:Figure5", "learning curves"),
     "current": Command("run_beyond:Current", "who should command the coils: fixed, a law, or the policy; resumable"),
     "ageing": Command("run_beyond:Ageing", "how soon one calibration a day notices a worn device"),

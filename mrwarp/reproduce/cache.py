@@ -76,7 +76,9 @@ class Experiment:
         return {
             "code": code_hash(self.compute.__module__),
             "settings": {name: _content(getattr(settings, name)) for name in self.settings},
-            "files": {path.name: _content(path) for path in (ASSETS / "mr_go.usda", *self.files())},
+            "files": {
+                f"{path.parent.name}/{path.name}": _content(path) for path in (ASSETS / "mr_go.usda", *self.files())
+            },
             "versions": versions(),
             "needs": {name: _hash(json.dumps(keys[name], sort_keys=True)) for name in self.needs},
         }

@@ -15,6 +15,10 @@ RELATIVE = 0.05
 """Relative difference that needs a reason where the paper states no spread."""
 
 
+BRAKE = "; brake constraint"
+"""End of the conditions in which the devices act as a brake that sticks, next to those with the paper's torque."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
     """One figure of the paper beside ours."""

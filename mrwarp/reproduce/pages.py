@@ -19,6 +19,7 @@ from mrwarp import paper
 from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce import claims, paper_checks
 from mrwarp.reproduce.claims import Figure, Judged, Results, Verdict
+from mrwarp.reproduce.comparison import BRAKE
 from mrwarp.run_dir import SCHEMA, plain, write_text
 
 ROOT = Path(mrwarp.__file__).parents[1]
@@ -248,12 +249,13 @@ def _part_table(part: str, begins: str) -> Callable[[Results], str]:
 
 
 def _rows_table(part: str) -> Callable[[Results], str]:
-    """All rows of an entry: conditions down, quantities across, ours and the paper's."""
+    """All rows of an entry: conditions down, quantities across; ours, with a brake that sticks, and the paper's."""
 
     def block(found: Results) -> str:
         rows = [row for row in found.parts[part]["rows"] if row["paper"] is not None]
         quantities = list(dict.fromkeys(row["quantity"] for row in rows))
         units = {row["quantity"]: row["unit"] for row in rows}
+        brake = any(row["condition"].endswith(BRAKE) for row in rows)
         cells: dict[str, dict[str, list[str]]] = {}
         for row in rows:
             n = min(row["digits"], 3)
@@ -261,11 +263,16 @@ def _rows_table(part: str) -> Callable[[Results], str]:
                 _number(mean, n) + ("" if sd is None else f" ± {_number(sd, n)}")
                 for mean, sd in ((row["ours"], row["sd"]), (row["paper"]["mean"], row["paper"]["sd"]))
             )
+            if row["condition"].endswith(BRAKE):
+                cells[row["condition"].removesuffix(BRAKE)][row["quantity"]][1] = ours
+                continue
             star = "\\*" if row["calibrated"] else ""
-            cells.setdefault(row["condition"], {})[row["quantity"]] = [ours + star, theirs]
-        head = ["", *(t for q in quantities for t in (f"{q}{f' [{units[q]}]' if units[q] else ''}", "paper"))]
+            cells.setdefault(row["condition"], {})[row["quantity"]] = [ours + star, "", theirs]
+        titles = {q: f"{q}{f' [{units[q]}]' if units[q] else ''}" for q in quantities}
+        shown = (0, 1, 2) if brake else (0, 2)
+        head = ["", *((titles[q], "with the brake", "paper")[k] for q in quantities for k in shown)]
         lines = [
-            [condition, *(text for q in quantities for text in found_cells.get(q, ["", ""]))]
+            [condition, *(found_cells.get(q, ["", "", ""])[k] for q in quantities for k in shown)]
             for condition, found_cells in cells.items()
         ]
         return _table(head, lines)

@@ -303,7 +303,12 @@ def _trained(job: Job) -> Came:
     if len(seeds) < 2:  # one has no spread
         return {}
     cfg = EvaluationCfg(
-        folder=UNSEEN, seeds=seeds, rollouts=settings.rollouts, seed=settings.seed + 1, threads=settings.threads
+        coupling=Coupling.CONSTRAINT,
+        folder=UNSEEN,
+        seeds=seeds,
+        rollouts=settings.rollouts,
+        seed=settings.seed + 1,
+        threads=settings.threads,
     )
     table = paper_tables.table2(cfg)
     found = {

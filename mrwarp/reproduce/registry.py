@@ -20,7 +20,7 @@ from mrwarp.reproduce import (
 )
 from mrwarp.reproduce.cache import Experiment
 from mrwarp.reproduce.settings import Settings, networks, study_files
-from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, record_file
+from mrwarp.study.plan import AWARE, BRAKE, CONVENTIONAL, MODELS, record_file
 from mrwarp.study.rollouts import PLANT
 
 IMPACTS = ("impacted", "aware", "pushed", "impacts", "seed")
@@ -42,8 +42,8 @@ def _walks(seconds: float, length: str, usual: float) -> Callable[[Settings], fl
 
 
 def _rollouts(settings: Settings) -> float:
-    """Time of table 2 or 3 [s], which have three rollouts of each policy."""
-    return 3.0 + settings.rollouts
+    """Time of table 2 or 3 [s], which have three rollouts of each policy by either torque."""
+    return 6.0 + 3.0 * settings.rollouts
 
 
 _ALL = (
@@ -53,14 +53,14 @@ _ALL = (
         name="table2",
         compute=training_results.table2,
         settings=("rollouts", "seed"),
-        files=lambda: [*study_files(TRAININGS), *networks((PLANT,))],
+        files=lambda: [*study_files(TRAININGS), *study_files(TRAININGS, folder=BRAKE), *networks((PLANT,))],
         seconds=_rollouts,
     ),
     Experiment(
         name="table3",
         compute=training_results.table3,
         settings=("rollouts", "seed"),
-        files=lambda: [*study_files(MODELS), *networks((PLANT,))],
+        files=lambda: [*study_files(MODELS), *study_files(MODELS, folder=BRAKE), *networks((PLANT,))],
         seconds=_rollouts,
     ),
     Experiment(

@@ -144,16 +144,18 @@ def ensembles(policies: Mapping[str, Sequence[Path]]) -> dict[str, Ensemble]:
     return {robot: made[tuple(paths)] for robot, paths in policies.items()}
 
 
-def study_files(plants: Sequence[str], file: Callable[[Path, str, int], Path] = policy_file) -> list[Path]:
+def study_files(
+    plants: Sequence[str], file: Callable[[Path, str, int], Path] = policy_file, *, folder: Path = STUDY
+) -> list[Path]:
     """Policies of some trainings of the study, all seeds of each, or another ``file``, such as ``record_file``.
 
     Raises:
         NotYet: one is not there.
     """
-    paths = [file(STUDY, plant, seed) for plant in plants for seed in SEEDS]
+    paths = [file(folder, plant, seed) for plant in plants for seed in SEEDS]
     if missing := [path.name for path in paths if not path.is_file()]:
         raise NotYet(
-            f"no policies yet: {len(missing)} of {len(paths)} files are not in {STUDY.name}, e.g. {missing[0]}; "
+            f"no policies yet: {len(missing)} of {len(paths)} files are not in {folder.name}, e.g. {missing[0]}; "
             "'mrwarp study train' and 'mrwarp study collect' make them"
         )
     return paths

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from mrwarp import paper
+from mrwarp.enums import Coupling
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
+from mrwarp.reproduce.comparison import BRAKE, Comparison, Findings, TextTable, compare
 from mrwarp.reproduce.settings import PLANT_TITLES, PUSHED_GAINS
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.run_dir import write_bytes
@@ -24,6 +25,7 @@ from mrwarp.runtime import drawing
 from mrwarp.study import matched_training, paper_tables
 from mrwarp.study.paper_tables import LEAST, Change, PolicyRow, Table2, Table3
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PUBLIC, STUDY, name, plant_cfg, policy_file, start_file
+from mrwarp.study.plan import BRAKE as BRAKE_POLICIES
 from mrwarp.study.rollouts import EvaluationCfg
 
 METRICS = {
@@ -47,16 +49,23 @@ LEVEL = 0.05
 
 
 def table2(job: Job) -> Findings:
-    """Configurations A to D over three training seeds, and what the training lowers."""
-    table = paper_tables.table2(_cfg(job), report=lambda share: job.report("rollouts", share))
+    """Configurations A to D over the training seeds, and what the training lowers.
+
+    By the paper's explicit torque, in training and evaluation; then likewise by the brake constraint.
+    """
+    table, brake = (
+        paper_tables.table2(cfg, report=lambda share, k=k: job.report("rollouts", 0.5 * (k + share)))
+        for k, cfg in enumerate(_both(job))
+    )
     rows = [
         row
-        for name, found in table.rows.items()
+        for table_of, suffix in ((table, ""), (brake, BRAKE))
+        for name, found in table_of.rows.items()
         for row in metric_rows(
-            f"{name}: {found.plant}, SAL {'on' if found.current else 'off'}",
+            f"{name}: {found.plant}, SAL {'on' if found.current else 'off'}{suffix}",
             found,
             paper.TABLE_2[name],
-            lambda metric, name=name: _why_trained(table, name, metric),
+            lambda metric, name=name, table=table_of: _why_trained(table, name, metric),
         )
     ]
     changes = {(name, sal): change for name in ("rmse", "bias") for sal, change in getattr(table, name).items()}
@@ -71,18 +80,30 @@ def table2(job: Job) -> Findings:
             *(_said(name, sal, change) for (name, sal), change in changes.items()),
             *(f"SAL {sal}: {limit}." for sal, limit in table.limits().items()),
             _fell(table),
+            "As a brake that sticks:",
+            *(_said(name, sal, found) for name in ("rmse", "bias") for sal, found in getattr(brake, name).items()),
+            _fell(brake),
         ],
     )  # fmt: skip
 
 
 def table3(job: Job) -> Findings:
-    """Metrics per torque model in training over three seeds; the ranking as found, with its statistical support."""
-    table = paper_tables.table3(_cfg(job), report=lambda share: job.report("rollouts", share))
+    """Metrics per torque model in training over the seeds; the ranking as found, with its statistical support.
+
+    By the paper's explicit torque, then by the brake constraint, as table 2.
+    """
+    table, brake = (
+        paper_tables.table3(cfg, report=lambda share, k=k: job.report("rollouts", 0.5 * (k + share)))
+        for k, cfg in enumerate(_both(job))
+    )
     titles = PLANT_TITLES
     rows = [
         row
-        for model, found in table.rows.items()
-        for row in metric_rows(titles[model], found, paper.TABLE_3[model], lambda metric: _why_model(table, metric))
+        for of, suffix in ((table, ""), (brake, BRAKE))
+        for model, found in of.rows.items()
+        for row in metric_rows(
+            titles[model] + suffix, found, paper.TABLE_3[model], lambda metric, table=of: _why_model(table, metric)
+        )
     ]
     apart = [pair for pair in table.pairs if pair.p < LEVEL]
     named = "; ".join(
@@ -108,7 +129,7 @@ def table3(job: Job) -> Findings:
 
 
 def fig5(job: Job) -> Findings:
-    """Learning curves; whether the aware policies learn more slowly and end higher. The paper gives no numbers."""
+    """Learning curves by the paper's torque: whether aware policies learn more slowly and end higher."""
     found = matched_training.figure5()
     with drawing("rewards.png"):
         matched_training.plot(found, job.out / "rewards.png")
@@ -124,7 +145,7 @@ def fig5(job: Job) -> Findings:
             f"Reward per second, actuator-aware and conventional: {early[0]:.2f} and {early[1]:.2f} over the first "
             f"quarter, {late[0]:.2f} and {late[1]:.2f} over the last tenth of the updates."
         ],
-        pictures={"rewards.png": "Reward over the trainings, mean and SD over three seeds"},
+        pictures={"rewards.png": "Reward over the trainings, mean and SD over the seeds"},
     )
 
 
@@ -140,8 +161,10 @@ def metric_rows(
     return rows
 
 
-def _cfg(job: Job) -> EvaluationCfg:
-    return EvaluationCfg(rollouts=job.settings.rollouts, seed=job.settings.seed, threads=job.settings.threads)
+def _both(job: Job) -> tuple[EvaluationCfg, EvaluationCfg]:
+    """How policies are rolled out: with the paper's explicit torque, and with the brake constraint."""
+    same = {"rollouts": job.settings.rollouts, "seed": job.settings.seed, "threads": job.settings.threads}
+    return EvaluationCfg(**same), EvaluationCfg(**same, folder=BRAKE_POLICIES, coupling=Coupling.CONSTRAINT)
 
 
 def _fell(table: Table2 | Table3) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,8 @@ import torch
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.runtime import one_torch_thread
+from mrwarp.runtime import one_torch_thread, text_table
+from mrwarp.study.plan import plant_cfg, policy_file
 from mrwarp.study.rollouts import EvaluationCfg
 from mrwarp.trials.power_meter import MotionMeter
 from mrwarp.trials.walking import act, make_env, same_starts
@@ -96,6 +97,45 @@ class FootMeter:
         of_left, of_right = (self._torque[:, side].mean(axis=1) for side in (left, ~left))
         sides = 200.0 * (of_left - of_right) / np.maximum(of_left + of_right, 1e-9)
         return {"roll": roll, "pitch": pitch, "sides": sides, "slip": self._slip / np.maximum(self._steps, 1.0)}
+
+
+def evaluate(
+    cfg: EvaluationCfg, plants: Sequence[str], report: Callable[[float], None] | None = None
+) -> list[dict[str, Any]]:
+    """Figures of :data:`UNITS` of each policy of some trainings, on flat ground, and the rules that it breaks.
+
+    Args:
+        cfg: Which policies, and how they are rolled out; every policy walks on the plant that it was trained on.
+        plants: The trainings.
+        report: Called with the share that is done.
+    """
+    rows = []
+    for k, plant in enumerate(plants):
+        policies = [OnnxPolicy(policy_file(cfg.folder, plant, seed)) for seed in cfg.seeds]
+        found = walk_quality(cfg, plant_cfg(plant, threads=cfg.threads, coupling=cfg.coupling), policies)
+        for seed, figures in zip(cfg.seeds, found, strict=True):
+            rows.append({"plant": plant, "seed": seed, **figures, "broken": broken(figures)})
+        if report:
+            report((k + 1) / len(plants))
+    return rows
+
+
+def lines(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], bool]:
+    """Every policy as a line, the spread of each plant, and whether all rules are kept."""
+    head = ("", "seed", *(f"{name} [{unit}]" if unit else name for name, unit in UNITS.items()), "breaks")
+    cells = [
+        (row["plant"], str(row["seed"]), *(f"{row[name]:.3g}" for name in UNITS), ", ".join(row["broken"]))
+        for row in rows
+    ]
+    wide = [plant for plant in dict.fromkeys(row["plant"] for row in rows) if not spread_kept(_of(rows, plant))]
+    kept = not wide and not any(row["broken"] for row in rows)
+    counted = f"{sum(not row['broken'] for row in rows)} of {len(rows)} policies keep every rule"
+    spread = f"v_x RMSE spreads by more than {Rules().spread:.0%} of its mean over the seeds of: {', '.join(wide)}"
+    return [*text_table(head, cells, left=1), counted, *([spread] if wide else [])], kept
+
+
+def _of(rows: Sequence[Mapping[str, Any]], plant: str) -> list[Mapping[str, Any]]:
+    return [row for row in rows if row["plant"] == plant]
 
 
 @torch.no_grad()

@@ -190,7 +190,7 @@ def evaluate(
     loaded = {(name, seed): OnnxPolicy(policy_file(cfg.folder, name, seed)) for name in names for seed in cfg.seeds}
     policies = [loaded[name, seed] for name, _ in cells for seed in cfg.seeds]
     currents = [current for _, current in cells for _ in cfg.seeds]
-    env = env or plant_cfg(cfg.plant, terrain=cfg.terrain, threads=cfg.threads)
+    env = env or plant_cfg(cfg.plant, terrain=cfg.terrain, threads=cfg.threads, coupling=cfg.coupling)
     found = roll_out(cfg, env, policies, currents, report)
     rows = []
     for k, (plant, current) in enumerate(cells):
@@ -277,7 +277,7 @@ def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = No
     """
     rows: dict[str, dict[str, PolicyRow]] = {plant: {} for plant in plants}
     for k, step in enumerate(STEPS):
-        env, current = _plant(step, cfg.threads)
+        env, current = _plant(step, cfg)
         for row in evaluate(cfg, [(plant, current) for plant in plants], env=env):
             rows[row.plant][step] = row
         if report:
@@ -285,13 +285,13 @@ def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = No
     return rows
 
 
-def _plant(step: str, threads: int) -> tuple[EnvCfg, float]:
+def _plant(step: str, cfg: EvaluationCfg) -> tuple[EnvCfg, float]:
     """The task on a plant, and the current its devices may use [A]."""
     if step == "go1":
-        return make_walk_cfg(robot="go1", actuator_model="none", sal=False, threads=threads), 0.0
+        return make_walk_cfg(robot="go1", actuator_model="none", sal=False, threads=cfg.threads), 0.0
     if step == "mass":
-        return make_walk_cfg(actuator_model="none", sal=False, threads=threads), 0.0
-    env = make_walk_cfg(z_step=ZStep.EULER, threads=threads)
+        return make_walk_cfg(actuator_model="none", sal=False, threads=cfg.threads), 0.0
+    env = make_walk_cfg(z_step=ZStep.EULER, threads=cfg.threads, coupling=cfg.coupling)
     if step == "drag":
         return env, 0.0
     branches = replace(env.actuator, damping=step != "holding", holding=step != "damping")

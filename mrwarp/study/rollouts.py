@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from mrwarp.enums import Coupling
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.runtime import one_torch_thread
 from mrwarp.study.plan import AWARE, SEEDS, STUDY, check_seeds
@@ -43,6 +44,8 @@ class EvaluationCfg:
     """Seed of their poses and gait phases."""
     plant: str = PLANT
     """Plant that all policies walk on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    coupling: Coupling = Coupling.EXPLICIT
+    """How its devices act: the paper's torque, or a brake that sticks."""
     terrain: str = "flat"
     """Ground; on rough ground a multiple of 36 rollouts covers every level and kind alike."""
     speed: float = 0.5

@@ -19,6 +19,7 @@ from mrwarp.resources import DEFAULT_POLICY, shipped_model
 from mrwarp.rl.policy_file import read_policy
 from mrwarp.study import paper_tables
 from mrwarp.study.plan import plant_cfg
+from mrwarp.study.rollouts import EvaluationCfg
 
 
 @pytest.mark.parametrize("name", ["train", "impact", "walk", "mission", "play"])
@@ -51,7 +52,7 @@ def test_the_paper_is_reproduced_with_its_own_step() -> None:
         assert plant_cfg(plant).actuator.z_step is ZStep.EULER, plant
     assert impacts.config(impacts.GRID[0], Settings()).env.actuator.z_step is ZStep.EULER
     for step in paper_tables.STEPS:
-        env, _ = paper_tables._plant(step, 1)
+        env, _ = paper_tables._plant(step, EvaluationCfg(threads=1))
         assert env.actuator_model == "none" or env.actuator.z_step is ZStep.EULER
     shipped = shipped_model(AWARE)
     assert shipped is not None and network_file.load(shipped).z_step == "euler"

@@ -21,7 +21,7 @@ from mrwarp.usd.robot import CURRENT_GROUPS
 
 def test_learning() -> None:
     """How fast networks learn."""
-    assert LearningCfg(desired_kl=Train().desired_kl, entropy=Train().entropy) == LearningCfg()
+    assert Train().learning() == LearningCfg()
 
 
 def test_study() -> None:

@@ -139,6 +139,7 @@ CHANGES: dict[str, tuple[Callable[[TrainCfg], TrainCfg], str]] = {
     "seed": (lambda c: replace(c, seed=4), "seed = 3.* has 4"),
     "desired_kl": (lambda c: replace(c, learning=LearningCfg(desired_kl=0.01)), "desired_kl = 0.04.* has 0.01"),
     "entropy": (lambda c: replace(c, learning=LearningCfg(entropy=0.0)), "entropy = 0.003.* has 0.0"),
+    "symmetry": (lambda c: replace(c, learning=LearningCfg(symmetry=False)), "symmetry = True.* has False"),
 }
 
 
@@ -146,10 +147,10 @@ def test_networks_learn_as_fast_as_asked(tmp_path: Path) -> None:
     """Step and exploration reach the algorithm; checkpoint and result tell them; what makes no sense is refused."""
     run = Trainer(replace(make_cfg(tmp_path, 1), learning=LearningCfg(desired_kl=0.01, entropy=0.0005)))
     assert (run.algorithm.desired_kl, run.algorithm.entropy_coef) == (0.01, 0.0005)
-    asked = {"desired_kl": 0.01, "entropy": 0.0005}
+    asked = {"desired_kl": 0.01, "entropy": 0.0005, "symmetry": True}
     assert run.run()["learning"] == checkpoint.load(tmp_path / "checkpoint.pt")["learning"] == asked
     assert learned({"learning": asked}) == asked
-    assert learned({}) == {"desired_kl": 0.04, "entropy": 0.003}  # of earlier versions
+    assert learned({}) == {"desired_kl": 0.04, "entropy": 0.003, "symmetry": False}  # of earlier versions
     for wrong in ({"desired_kl": 0.0}, {"desired_kl": math.inf}, {"entropy": -0.1}, {"entropy": math.nan}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             LearningCfg(**wrong)

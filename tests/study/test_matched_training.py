@@ -110,7 +110,7 @@ def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
     record = json.loads(record_file(tmp_path / "policies", CONVENTIONAL, 1).read_text())
     assert record["started_from"]["file"] == str(policy_file(STUDY, CONVENTIONAL, 1))
     assert record["started_from"]["seed"] == 1 and record["task"]["terrain"] == "rough"
-    assert record["command"].endswith(f"--randomize ground --desired-kl 0.04 --entropy 0.003 --start-from {STUDY}")
+    assert record["command"].endswith(f"--coupling explicit --desired-kl 0.04 --entropy 0.003 --start-from {STUDY}")
     for other in (None, tmp_path / "policies"):
         with pytest.raises(RunError, match=r"started from .*policies/study/conventional_seed1\.onnx \(update 800\)"):
             train(replace(cfg, start_from=other), tmp_path / "runs", report=lambda line: None)
@@ -131,7 +131,9 @@ def test_trainings_begin_with_the_runs_of_a_folder(tmp_path: Path) -> None:
     record = json.loads(record_file(tmp_path / "policies", "bouc_wen", 0).read_text())
     origin = tmp_path / "first" / name("bouc_wen", 0) / "checkpoint.pt"
     assert record["started_from"]["file"] == str(origin) and record["started_from"]["iteration"] == 1
-    assert record["learning"] == {"desired_kl": 0.01, "entropy": 0.0} and record["task"]["num_envs"] == 6
+    assert (
+        record["learning"] == {"desired_kl": 0.01, "entropy": 0.0, "symmetry": True} and record["task"]["num_envs"] == 6
+    )
     assert record["command"].endswith(f"--desired-kl 0.01 --entropy 0 --start-from {tmp_path / 'first'}")
 
 
@@ -149,7 +151,7 @@ def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Pat
     record = json.loads(record_file(tmp_path / "once_policies", "bouc_wen", 0).read_text())
     assert record["command"] == (
         "mrwarp study train --plants bouc_wen --seeds 0 --num-envs 4 --iterations 2 --terrain flat --randomize ground "
-        "--desired-kl 0.04 --entropy 0.003"
+        "--coupling explicit --desired-kl 0.04 --entropy 0.003"
     )
     assert (record["iterations"], record["environment_steps"], record["task"]["terrain"]) == (2, 2 * 24 * 4, "flat")
     assert record["curve"]["iteration"] == [1.0, 2.0] and len(record["curve"]["reward"]) == 2

@@ -1,0 +1,127 @@
+"""Networks stay symmetric through training, without a step that differs from that of the symmetrised loss."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rsl_rl.models import MLPModel
+from tensordict import TensorDict
+
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.mirror import SignedPermutation, mirror_of
+from mrwarp.rl import trainer as trainer_module
+from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.rl.symmetry import SymmetricNetwork
+from mrwarp.rl.trainer import TrainCfg, Trainer
+
+UNITS = 128
+"""Terms of the longest sum in a layer: two sums of n terms in another order differ by up to n machine epsilons of the
+largest term."""
+
+
+def image(values: torch.Tensor, of: SignedPermutation) -> torch.Tensor:
+    """The mirror image of rows (E, n)."""
+    return values[:, torch.from_numpy(of.index)] * torch.from_numpy(of.sign).to(values.dtype)
+
+
+def outputs(model: MLPModel, inputs: torch.Tensor) -> torch.Tensor:
+    """What a network gives."""
+    with torch.no_grad():
+        return model.mlp(model.obs_normalizer(inputs))
+
+
+def make_trainer(out: Path, *, symmetry: bool = True) -> Trainer:
+    """A short training with 8 robots."""
+    learning = LearningCfg(symmetry=symmetry)
+    return Trainer(TrainCfg(env=make_walk_cfg(num_envs=8), out=out, iterations=3, learning=learning))
+
+
+@pytest.mark.usefixtures("short_gate")
+def test_networks_stay_symmetric_through_training(tmp_path: Path) -> None:
+    """The mirrored observation's action is the mirrored action, its value the same; without the setting neither is."""
+    for symmetry in (True, False):
+        run = make_trainer(tmp_path / str(symmetry), symmetry=symmetry)
+        mirror = mirror_of(run.env)
+        for _ in range(3):
+            run.update()
+        actor, critic = run.algorithm.actor, run.algorithm.critic
+        seen, known = (torch.randn(20, len(part.index)) for part in (mirror.actor, mirror.critic))
+        action, value = outputs(actor, seen), outputs(critic, known)
+        off_action = outputs(actor, image(seen, mirror.actor)) - image(action, mirror.action)
+        off_value = outputs(critic, image(known, mirror.critic)) - value
+        bound = UNITS * torch.finfo(torch.float32).eps * 10.0  # normalised inputs reach 10
+        largest = float(off_action.abs().max() / action.abs().max()), float(off_value.abs().max() / value.abs().max())
+        assert all(off < bound for off in largest) if symmetry else all(off > 0.01 for off in largest)
+        std = run.algorithm.std
+        assert torch.equal(std, std[torch.from_numpy(mirror.action.index)]) == symmetry
+
+
+def test_the_averaged_gradient_is_that_of_the_symmetrised_loss() -> None:
+    """By autograd in float64: a loss over samples and their mirror images, each with half the weight."""
+    torch.manual_seed(0)
+    seen = SignedPermutation(index=np.array([1, 0, 2]), sign=np.array([1.0, 1.0, -1.0]))
+    given = SignedPermutation(index=np.array([1, 0]), sign=np.array([-1.0, -1.0]))
+    model = _plain(3, 2)
+    network = SymmetricNetwork(model, seen, given)
+    network.begin(drawn=True)
+    inputs, wanted = torch.randn(40, 3), torch.randn(40, 2)
+
+    def gradient(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        model.zero_grad()
+        (model.mlp(x) - y).square().mean().backward()
+        parts = [torch.zeros_like(p) if p.grad is None else p.grad for p in model.parameters()]
+        return torch.cat([part.flatten() for part in parts])
+
+    row = gradient(inputs, wanted)
+    both = 0.5 * (row + gradient(image(inputs, seen), image(wanted, given)))
+    network.average(row)
+    assert torch.allclose(row, both, rtol=0.0, atol=40 * torch.finfo(torch.float32).eps * float(both.abs().max()))
+
+
+def test_an_odd_layer_is_refused() -> None:
+    """Its units cannot be exchanged in pairs."""
+    keep = SignedPermutation.keep
+    with pytest.raises(ValueError, match="a hidden layer of 5 units"):
+        SymmetricNetwork(_plain(3, 2, hidden=5), keep(1.0, 1.0, -1.0), keep(1.0, -1.0))
+
+
+@pytest.mark.usefixtures("short_gate")
+def test_a_robot_without_a_mirror_is_trained_without_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A note names the reason; training goes on."""
+
+    def none(env: object) -> None:
+        raise trainer_module.NoMirrorError("leg RL: no leg stands at its mirror image")
+
+    monkeypatch.setattr(trainer_module, "mirror_of", none)
+    run = make_trainer(tmp_path)
+    run.update()
+    assert "note: trained without left-right symmetry (leg RL: no leg" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("short_gate")
+def test_a_symmetric_training_goes_on_to_the_bit(tmp_path: Path) -> None:
+    """Four updates at once, and two and two from the checkpoint, give the same policy."""
+    cfg = TrainCfg(env=make_walk_cfg(num_envs=8), out=tmp_path / "whole", iterations=4)
+    Trainer(cfg).run()
+    first = Trainer(replace(cfg, out=tmp_path / "parts", iterations=2))
+    first.run()
+    second = Trainer(replace(cfg, out=tmp_path / "parts"), resume=tmp_path / "parts" / "checkpoint.pt")
+    second.run()
+    for own, other in zip(second.algorithm.actor.parameters(), _actor(cfg).parameters(), strict=True):
+        assert torch.equal(own, other)
+
+
+def _actor(cfg: TrainCfg) -> MLPModel:
+    """The actor of a finished training."""
+    return Trainer(cfg, resume=cfg.out / "checkpoint.pt").algorithm.actor
+
+
+def _plain(inputs: int, outputs_: int, hidden: int = 8) -> MLPModel:
+    """A small network as PPO has them."""
+    seen = TensorDict({"actor": torch.zeros(1, inputs)}, batch_size=[1])
+    groups = {"actor": ["actor"]}
+    return MLPModel(seen, groups, "actor", outputs_, hidden_dims=[hidden], activation="elu", obs_normalization=True)
