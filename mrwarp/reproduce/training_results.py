@@ -163,8 +163,9 @@ def metric_rows(
 
 def _both(job: Job) -> tuple[EvaluationCfg, EvaluationCfg]:
     """How policies are rolled out: with the paper's explicit torque, and with the brake constraint."""
-    same = {"rollouts": job.settings.rollouts, "seed": job.settings.seed, "threads": job.settings.threads}
-    return EvaluationCfg(**same), EvaluationCfg(**same, folder=BRAKE_POLICIES, coupling=Coupling.CONSTRAINT)
+    settings = job.settings
+    literal = EvaluationCfg(rollouts=settings.rollouts, seed=settings.seed, threads=settings.threads)
+    return literal, replace(literal, folder=BRAKE_POLICIES, coupling=Coupling.CONSTRAINT)
 
 
 def _fell(table: Table2 | Table3) -> str:

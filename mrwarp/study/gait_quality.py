@@ -64,7 +64,7 @@ class FootMeter:
         lasting = standing & self._standing & on[:, None]  # touch-down itself is no slip
         self._standing = standing
         for row in np.flatnonzero(lasting.any(axis=1)):
-            speeds = self._sole_speeds(row)[lasting[row]]
+            speeds = self._sole_speeds(int(row))[lasting[row]]
             self._slip[row] += speeds.sum()
             self._steps[row] += len(speeds)
         torque = env.view(env.actuator.tau_motor)[:, list(self._scene.watched)].abs().cpu().numpy()
