@@ -53,7 +53,7 @@ def collect(folders: tuple[Path, ...], root: Path = ROOT) -> Path:
         found = read_json_file(folder / "result.json", "name the --out of 'mrwarp reproduce all'")
         if isinstance(found, dict) and "evaluation" in found:
             origin = _origin(found)
-            kept = {key: _short(_spreads(found[key])) for key in ("rows", "rmse", "bias") if key in found}
+            kept = {key: _short(_spreads(found[key])) for key in ("rows", "rmse", "bias", "policies") if key in found}
             parts[study_name(found)] = {**origin, "rows": [], "claims": {}, "tables": [], "study": kept}
             continue
         if not isinstance(found, dict) or not isinstance(found.get("parts"), dict):
@@ -96,6 +96,8 @@ def _short(value: Any) -> Any:
     """Numbers to six digits: a run on another machine need not differ in what nobody states."""
     if isinstance(value, dict):
         return {name: _short(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_short(item) for item in value]
     return float(f"{value:.6g}") if isinstance(value, float) and math.isfinite(value) else value
 
 
@@ -304,6 +306,32 @@ def _studies(begins: str, *names: tuple[str, str]) -> Callable[[Results], str]:
     return block
 
 
+QUALITY = {"tilt_rms": 2, "roll": 2, "pitch": 2, "sides": 1, "slip": 3, "v_x_rmse": 3}
+"""Figures of the table of rules, and their digits."""
+
+
+def _quality(*names: tuple[str, str]) -> Callable[[Results], str]:
+    """Policies of several folders, each with its title: largest figures of each plant, and what breaks a rule."""
+
+    def block(found: Results) -> str:
+        lines = []
+        for title, name in names:
+            if name not in found.parts:
+                return f"*Not among the committed figures: {name}.*"
+            policies = found.parts[name]["study"]["policies"]
+            for plant in dict.fromkeys(row["plant"] for row in policies):
+                rows = [row for row in policies if row["plant"] == plant]
+                worst = [_number(max(abs(row[figure]) for row in rows), digits) for figure, digits in QUALITY.items()]
+                faults = [f"seed {row['seed']}: {', '.join(row['broken'])}" for row in rows if row["broken"]]
+                kept = sum(not row["broken"] for row in rows)
+                lines.append([f"{plant}, {title}", *worst, f"{kept} of {len(rows)}", "; ".join(faults)])
+        head = ["plant", "roll-pitch RMS [deg]", "mean roll [deg]", "mean pitch [deg]", "left against right [%]",
+                "slip [m/s]", "v_x RMSE [m/s]", "keep all rules", "broken"]  # fmt: skip
+        return _table(head, lines)
+
+    return block
+
+
 CAUSES = ("Go1", "MR_Go's masses, no devices", "and the devices' drag at 0 A", "and damping at 1.5 A",
           "and holding alone at 1.5 A", "and both")  # fmt: skip
 """Steps of ``paper_tables.STEPS``, as the table calls them."""
@@ -372,6 +400,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     ),
     "table2_unseen": _studies("policies", ("new seeds", "study table2 unseen")),
     "causes": _causes,
+    "quality": _quality(("explicit torque", "study quality study"), ("brake", "study quality study_brake")),
     "fig4_strengths": _strengths,
     "table3": _rows_table("table3"),
     "table4": _rows_table("table4"),
