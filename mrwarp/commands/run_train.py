@@ -103,6 +103,8 @@ class Train(opt.ViewOptions, opt.SteppedRobot, Learning):
     """ground; rough has a curriculum"""
     randomize: Annotated[str, opt.one_of(RANDOMIZATIONS)] = "all"
     """what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"""
+    reward: Annotated[tuple[str, ...], opt.some(str, "TERM=WEIGHT")] = ()
+    """weights of reward terms in place of their own, such as tilt=-100; terms stand in mrwarp/env/rewards.py"""
     power_price: opt.NotNegative = 0.0
     """reward taken per watt of motors and coils; the policies in policies/energy pay 0.002"""
     backend: BackendKind | None = None
@@ -193,6 +195,13 @@ class Train(opt.ViewOptions, opt.SteppedRobot, Learning):
             remedy = f"go on with --resume {kept}, choose another --out or add --overwrite"
             raise ValueError(f"{kept} is there already; {remedy}")
 
+    def _weights(self) -> dict[str, float]:
+        """Weights of reward terms that were asked for."""
+        weights = dict(weight_of(word) for word in self.reward)
+        if self.power_price:
+            weights["power"] = 0.0 - self.power_price
+        return weights
+
     def _cfg(self, line: CommandLine, ranks: Ranks) -> TrainCfg:
         """The training that the options ask for; says what it is."""
         from mrwarp.env.cfg import make_walk_cfg
@@ -222,7 +231,7 @@ class Train(opt.ViewOptions, opt.SteppedRobot, Learning):
         )
         cfg = TrainCfg(
             **self.chosen("out", "seed", "iterations", "save_every"),
-            env=replace(env, rewards=replace(env.rewards, power=0.0 - self.power_price)),
+            env=replace(env, rewards=replace(env.rewards, weights=self._weights())),
             until_gate=not self.no_gate,
             learning=self.learning(),
             command=str(line),
@@ -266,6 +275,30 @@ class ReplayDump(Options):
         return 0
 
 
+def weight_of(word: str) -> tuple[str, float]:
+    """Term and weight of ``NAME=WEIGHT``.
+
+    Raises:
+        ValueError: there is no such term, or its weight is no finite number.
+    """
+    from mrwarp.env.rewards import RewardCfg
+
+    name, _, text = word.partition("=")
+    try:
+        weight = float(text)
+    except ValueError:
+        raise ValueError(f"--reward {word}: give a term and its weight, such as tilt=-100") from None
+    RewardCfg(weights={name: weight})  # refuses what it does not know
+    return name, weight
+
+
+def changed_weights(rewards: dict[str, float]) -> tuple[str, ...]:
+    """Those of a checkpoint's task that are not the terms' own, as ``--reward`` takes them."""
+    from mrwarp.env.rewards import TERMS
+
+    return tuple(f"{name}={rewards[name]!r}" for name, term in TERMS.items() if rewards[name] != term.weight)
+
+
 def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
     """The options of a training that goes on: those of the checkpoint, in its folder, but for what was typed.
 
@@ -303,7 +336,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
             "residual_engine": ResidualEngine(task.get("residual_engine") or "kernels"),
             "sal": "on" if task["sal"] else "off",
             "randomize": kinds[json.dumps(task["randomize"])],
-            "power_price": 0.0 - task["rewards"]["power"],
+            "reward": changed_weights(task["rewards"]),
             "device": "cuda" if ranks.world > 1 and task["device"].startswith("cuda") else task["device"],
             "backend": BackendKind(task["engine"]),
             "seed": content["seed"],

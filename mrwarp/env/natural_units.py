@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.rewards import TERMS
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.usd.asset import load_robot
@@ -79,13 +80,7 @@ def in_natural_units(cfg: EnvCfg, scene: Scene) -> EnvCfg:
         fall_cost=cfg.fall_cost if scene.layout.legs[2:] else FALL_COST,
         rewards=replace(
             rewards,
-            swing_height=rewards.swing_height / by.length**2,
-            height=rewards.height / by.length**2,
-            bounce=rewards.bounce / by.speed**2,
-            roll_pitch_rate=rewards.roll_pitch_rate * by.time**2,
-            effort=rewards.effort / by.torque**2,
-            joint_acceleration=rewards.joint_acceleration * by.time**4,
-            power=rewards.power * by.time / by.torque,
+            weights={name: rewards.weight(name) / term.scale(by) for name, term in TERMS.items()},
             target_height=rewards.target_height * by.length,
             velocity_width=rewards.velocity_width * by.speed**2,
             yaw_width=rewards.yaw_width / by.time**2,

@@ -1,11 +1,20 @@
-"""Rewards: velocity tracking, clocked gait, posture, effort and smoothness, and their weighted sum."""
+"""Rewards: velocity tracking, clocked gait, posture, effort and smoothness, and their weighted sum.
+
+A term is a function with its weight next to it. To add one, write it here under :func:`term`; the kernel, ``RewardCfg``
+and the command line (``--reward NAME=WEIGHT``) take it from the list.
+"""
 
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
 # pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import torch
 import warp as wp
@@ -14,44 +23,53 @@ from mrwarp.env.gait import Legs, foot_height, swing_clearance
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record_per_env
 
-TERMS = {
-    "track_velocity": "exp(-|v_xy - command|^2 / width)",
-    "track_yaw": "exp(-(yaw rate - command)^2 / width)",
-    "contact_clock": "share of feet whose contact is what the gait clock wants, minus a half",
-    "swing_height": "squared error of the swinging feet's clearance over the ground [m^2], summed",
-    "height": "squared error of the trunk's height over the ground [m^2]",
-    "tilt": "squared horizontal part of the projected gravity",
-    "bounce": "squared vertical speed [(m/s)^2]",
-    "roll_pitch_rate": "squared roll and pitch rates [(rad/s)^2]",
-    "posture": "squared distance of all joints from the neutral stance [rad^2]",
-    "hip_posture": "squared distance of hips, which turn about x, from the stance [rad^2]: legs stay under the body",
-    "effort": "squared motor torques [(N·m)^2], averaged over the torque steps",
-    "action_rate": "squared change of the action",
-    "joint_acceleration": "squared joint acceleration over the policy step [(rad/s^2)^2]",
-    "power": "electrical power of motors and coils [W]: copper loss, mechanical power, coil loss",
-}
-"""All terms, by the name of their weight in ``RewardCfg``, in the order of the kernel."""
+
+@dataclass(frozen=True, kw_only=True)
+class RewardTerm:
+    """A term of the reward."""
+
+    value: Any
+    """Its value of an environment, a Warp function of what a term sees and the environment."""
+    weight: float
+    """Weight for the shipped robot, per second."""
+    scale: Callable[[Any], float]
+    """Unit of the term for a robot of another size, from its :class:`mrwarp.env.natural_units.Scales`."""
+
+    @property
+    def says(self) -> str:
+        """One line on the term, with its unit."""
+        return " ".join((self.value.func.__doc__ or "").split())
+
+
+TERMS: dict[str, RewardTerm] = {}
+"""All terms by name, in the order of the kernel."""
+
+
+def term(*, weight: float, scale: Callable[[Any], float] = lambda by: 1.0) -> Callable[[Any], Any]:
+    """List a Warp function ``f(s: Seen, env: int) -> float`` as a term, under its name; see :class:`RewardTerm`."""
+
+    def listed(value: Any) -> Any:
+        TERMS[value.key] = RewardTerm(value=value, weight=weight, scale=scale)
+        return value
+
+    return listed
 
 
 @dataclass(frozen=True, kw_only=True)
 class RewardCfg:
-    """Weights of the reward terms, per second; see :data:`TERMS`."""
+    """Weights of the reward terms, and the numbers that shape them.
 
-    track_velocity: float = 2.0
-    track_yaw: float = 0.5
-    contact_clock: float = 1.5
-    swing_height: float = -30.0
-    height: float = -40.0
-    tilt: float = -3.0
-    bounce: float = -1.0
-    roll_pitch_rate: float = -0.05
-    posture: float = -0.15
-    hip_posture: float = -1.0
-    effort: float = -3e-4
-    action_rate: float = -0.02
-    joint_acceleration: float = -1e-7
-    power: float = 0.0
-    """Per watt of electrical power of motors and coils."""
+    Example:
+        >>> from mrwarp.env.rewards import RewardCfg
+        >>> RewardCfg(weights={"tilt": -100.0}).weight("tilt")
+        -100.0
+
+    Raises:
+        ValueError: there is no such term, or a weight is no finite number.
+    """
+
+    weights: Mapping[str, float] = field(default_factory=dict)
+    """Weights per second that differ from the terms' own, by name; see :data:`TERMS`. ``power`` is per watt."""
     winding_resistance: float = 0.128
     """Phase resistance that the power is computed with [Ohm]; a public motor of this size has 0.105 to 0.13 (see
     ``ElectricalCfg``). Not the calibrated number: the calibration needs trained policies."""
@@ -63,6 +81,69 @@ class RewardCfg:
     """Squared yaw-rate error at which tracking falls to 1/e [(rad/s)^2]."""
     step_height: float = 0.06
     """Clearance of a swinging foot at mid swing [m]."""
+
+    def __post_init__(self) -> None:
+        for name, weight in self.weights.items():
+            if name not in TERMS:
+                raise ValueError(f"reward {name!r} is unknown; choose from {', '.join(TERMS)}")
+            if not math.isfinite(weight):
+                raise ValueError(f"reward {name} = {weight} must be finite")
+
+    def weight(self, name: str) -> float:
+        """Weight of a term, per second."""
+        return self.weights.get(name, TERMS[name].weight)
+
+    def weighing(self, **weights: float) -> RewardCfg:
+        """A copy with other weights of these terms."""
+        return replace(self, weights={**self.weights, **weights})
+
+    def flat(self) -> dict[str, float]:
+        """All weights by term, then the numbers that shape them: what a checkpoint keeps."""
+        shapes = {name: value for name, value in vars(self).items() if name != "weights"}
+        return {**{name: self.weight(name) for name in TERMS}, **shapes}
+
+
+@wp.struct
+class Seen:
+    """All that a term may read, after a policy step; shapes by environments E, joints J, actions A, legs L."""
+
+    velocity_width: float
+    yaw_width: float
+    step_height: float
+    target_height: float
+    step_dt: float
+    """Policy step [s]; the four before are those of :class:`RewardCfg`."""
+    legs: Legs
+    default_q: wp.array[float]
+    """Neutral stance [rad], shape (J,)."""
+    body_velocity: wp.array2d[float]
+    """In the heading frame [m/s], shape (E, 3)."""
+    command: wp.array2d[float]
+    """v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3)."""
+    height: wp.array[float]
+    """Of the trunk over the ground [m], shape (E,)."""
+    root_pos: wp.array2d[float]
+    root_vel: wp.array2d[float]
+    root_ang: wp.array2d[float]
+    """Trunk's place [m], velocity [m/s] and angular velocity [rad/s], shapes (E, 3)."""
+    gravity: wp.array2d[float]
+    """Gravity's direction in the trunk frame, shape (E, 3)."""
+    q: wp.array2d[float]
+    qd: wp.array2d[float]
+    last_qd: wp.array2d[float]
+    """Joint angles [rad], velocities and those of the policy step before [rad/s], shapes (E, J)."""
+    action: wp.array2d[float]
+    last_action: wp.array2d[float]
+    """Shapes (E, A)."""
+    effort: wp.array[float]
+    """Squared motor torques, averaged over the torque steps [(N·m)^2], shape (E,)."""
+    power: wp.array[float]
+    """Electrical power [W], shape (E,)."""
+    foot_ground: wp.array2d[float]
+    """Height of the ground below each foot [m], shape (E, L)."""
+    leg_phase: wp.array2d[float]
+    clock_match: wp.array2d[wp.bool]
+    """Phase of each leg, and whether its contact is what the gait clock wants, shapes (E, L)."""
 
 
 @wp.func
@@ -81,125 +162,163 @@ def square_to(values: wp.array2d[float], wanted: wp.array2d[float], env: int) ->
     return total
 
 
+@term(weight=2.0)
 @wp.func
-def contact_share(clock_match: wp.array2d[wp.bool], env: int) -> float:
-    """Share of feet whose contact is what the gait clock wants."""
+def track_velocity(s: Seen, env: int) -> float:
+    """exp(-|v_xy - command|^2 / width)."""
+    error_x = s.body_velocity[env, 0] - s.command[env, 0]
+    error_y = s.body_velocity[env, 1] - s.command[env, 1]
+    return tracking(error_x * error_x + error_y * error_y, s.velocity_width)
+
+
+@term(weight=0.5)
+@wp.func
+def track_yaw(s: Seen, env: int) -> float:
+    """exp(-(yaw rate - command)^2 / width)."""
+    error = s.root_ang[env, 2] - s.command[env, 2]
+    return tracking(error * error, s.yaw_width)
+
+
+@term(weight=1.5)
+@wp.func
+def contact_clock(s: Seen, env: int) -> float:
+    """Share of feet whose contact is what the gait clock wants, minus a half."""
     total = float(0.0)
-    for leg in range(clock_match.shape[1]):
-        total += wp.where(clock_match[env, leg], 1.0, 0.0)
-    return total / float(clock_match.shape[1])
+    for leg in range(s.clock_match.shape[1]):
+        total += wp.where(s.clock_match[env, leg], 1.0, 0.0)
+    return total / float(s.clock_match.shape[1]) - 0.5
 
 
+@term(weight=-30.0, scale=lambda by: by.length**2)
 @wp.func
-def clearance_error(
-    legs: Legs,
-    q: wp.array2d[float],
-    leg_phase: wp.array2d[float],
-    ground: wp.array2d[float],
-    root_z: float,
-    up: wp.vec3,
-    step_height: float,
-    env: int,
-) -> float:
+def swing_height(s: Seen, env: int) -> float:
     """Squared error of the swinging feet's clearance over the ground [m^2], summed."""
+    up = -wp.vec3(s.gravity[env, 0], s.gravity[env, 1], s.gravity[env, 2])
     total = float(0.0)
-    for leg in range(leg_phase.shape[1]):
-        phase = leg_phase[env, leg]
+    for leg in range(s.leg_phase.shape[1]):
+        phase = s.leg_phase[env, leg]
         if phase >= 0.5:
-            height = foot_height(legs, leg, q, env, root_z, up)
-            error = height - ground[env, leg] - swing_clearance(phase, step_height)
+            height = foot_height(s.legs, leg, s.q, env, s.root_pos[env, 2], up)
+            error = height - s.foot_ground[env, leg] - swing_clearance(phase, s.step_height)
             total += error * error
     return total
 
 
+@term(weight=-40.0, scale=lambda by: by.length**2)
+@wp.func
+def height(s: Seen, env: int) -> float:
+    """Squared error of the trunk's height over the ground [m^2]."""
+    z = s.height[env]
+    return (z - s.target_height) * (z - s.target_height)
+
+
+@term(weight=-3.0)
+@wp.func
+def tilt(s: Seen, env: int) -> float:
+    """Squared horizontal part of the projected gravity."""
+    return s.gravity[env, 0] * s.gravity[env, 0] + s.gravity[env, 1] * s.gravity[env, 1]
+
+
+@term(weight=-1.0, scale=lambda by: by.speed**2)
+@wp.func
+def bounce(s: Seen, env: int) -> float:
+    """Squared vertical speed [(m/s)^2]."""
+    return s.root_vel[env, 2] * s.root_vel[env, 2]
+
+
+@term(weight=-0.05, scale=lambda by: by.time**-2)
+@wp.func
+def roll_pitch_rate(s: Seen, env: int) -> float:
+    """Squared roll and pitch rates [(rad/s)^2]."""
+    return s.root_ang[env, 0] * s.root_ang[env, 0] + s.root_ang[env, 1] * s.root_ang[env, 1]
+
+
+@term(weight=-0.15)
+@wp.func
+def posture(s: Seen, env: int) -> float:
+    """Squared distance of all joints from the neutral stance [rad^2]."""
+    total = float(0.0)
+    for joint in range(s.q.shape[1]):
+        total += (s.q[env, joint] - s.default_q[joint]) * (s.q[env, joint] - s.default_q[joint])
+    return total
+
+
+@term(weight=-1.0)
+@wp.func
+def hip_posture(s: Seen, env: int) -> float:
+    """Squared distance of hips, which turn about x, from the stance [rad^2]: legs stay under the body."""
+    total = float(0.0)
+    for joint in range(s.q.shape[1]):
+        if s.legs.hips[joint] == 1.0:
+            total += (s.q[env, joint] - s.default_q[joint]) * (s.q[env, joint] - s.default_q[joint])
+    return total
+
+
+@term(weight=-3e-4, scale=lambda by: by.torque**2)
+@wp.func
+def effort(s: Seen, env: int) -> float:
+    """Squared motor torques [(N·m)^2], averaged over the torque steps."""
+    return s.effort[env]
+
+
+@term(weight=-0.02)
+@wp.func
+def action_rate(s: Seen, env: int) -> float:
+    """Squared change of the action."""
+    return square_to(s.action, s.last_action, env)
+
+
+@term(weight=-1e-7, scale=lambda by: by.time**-4)
+@wp.func
+def joint_acceleration(s: Seen, env: int) -> float:
+    """Squared joint acceleration over the policy step [(rad/s^2)^2]."""
+    return square_to(s.qd, s.last_qd, env) / (s.step_dt * s.step_dt)
+
+
+@term(weight=0.0, scale=lambda by: by.torque / by.time)
+@wp.func
+def power(s: Seen, env: int) -> float:
+    """Electrical power of motors and coils [W]: copper loss, mechanical power, coil loss."""
+    return s.power[env]
+
+
+_TERMS = list(TERMS.values())
+
+SOURCES: int = zlib.crc32(Path(__file__).read_bytes()) // 2
+"""Checksum of this file: Warp does not see that a term, which a static loop picks, was edited."""
+
+
 @wp.kernel(enable_backward=False)
 def rewards_kernel(
-    # parameters: environments that a thread takes are this far apart; squared widths of the tracking rewards, swing
-    # clearance [m], trunk height [m], policy step [s]; legs; neutral stance [rad], shape (J,); weights in the order of
-    # TERMS, shape (T,)
+    # parameters: environments that a thread takes are this far apart; weights in the order of TERMS, shape (T,)
     rows: int,
-    velocity_width: float,
-    yaw_width: float,
-    step_height: float,
-    target_height: float,
-    step_dt: float,
-    legs: Legs,
-    default_q: wp.array[float],
     weights: wp.array[float],
-    # in, shapes (E, 3) twice, (E,) over the ground, (E, 3) four times, (E, J) three times, (E, A) twice, (E,) twice,
-    # (E, L) three times: height of the ground below each foot [m], phases, contacts
-    body_velocity_in: wp.array2d[float],
-    command_in: wp.array2d[float],
-    height_in: wp.array[float],
-    root_pos_in: wp.array2d[float],
-    root_vel_in: wp.array2d[float],
-    root_ang_in: wp.array2d[float],
-    gravity_in: wp.array2d[float],
-    q_in: wp.array2d[float],
-    qd_in: wp.array2d[float],
-    last_qd_in: wp.array2d[float],
-    action_in: wp.array2d[float],
-    last_action_in: wp.array2d[float],
-    effort_in: wp.array[float],
-    power_in: wp.array[float],
-    foot_ground_in: wp.array2d[float],
-    leg_phase_in: wp.array2d[float],
-    clock_match_in: wp.array2d[wp.bool],
+    # in
+    seen: Seen,
     # out, shapes (E, T), (E,)
     terms_out: wp.array2d[float],
     total_out: wp.array[float],
 ):
     """All terms, and their weighted sum over one policy step."""
     first = wp.tid()
-    for env in range(first, q_in.shape[0], rows):
-        roll_rate, pitch_rate = root_ang_in[env, 0], root_ang_in[env, 1]
-        gravity = wp.vec3(gravity_in[env, 0], gravity_in[env, 1], gravity_in[env, 2])
-        z, v_z = height_in[env], root_vel_in[env, 2]
-
-        error_x = body_velocity_in[env, 0] - command_in[env, 0]
-        error_y = body_velocity_in[env, 1] - command_in[env, 1]
-        terms_out[env, 0] = tracking(error_x * error_x + error_y * error_y, velocity_width)
-        error_yaw = root_ang_in[env, 2] - command_in[env, 2]
-        terms_out[env, 1] = tracking(error_yaw * error_yaw, yaw_width)
-        terms_out[env, 2] = contact_share(clock_match_in, env) - 0.5
-        terms_out[env, 3] = clearance_error(
-            legs, q_in, leg_phase_in, foot_ground_in, root_pos_in[env, 2], -gravity, step_height, env
-        )
-        terms_out[env, 4] = (z - target_height) * (z - target_height)
-        terms_out[env, 5] = gravity[0] * gravity[0] + gravity[1] * gravity[1]
-        terms_out[env, 6] = v_z * v_z
-        terms_out[env, 7] = roll_rate * roll_rate + pitch_rate * pitch_rate
-        posture, hips = float(0.0), float(0.0)
-        for joint in range(q_in.shape[1]):
-            q = q_in[env, joint]
-            posture += (q - default_q[joint]) * (q - default_q[joint])
-            if legs.hips[joint] == 1.0:
-                hips += (q - default_q[joint]) * (q - default_q[joint])
-        terms_out[env, 8] = posture
-        terms_out[env, 9] = hips
-        terms_out[env, 10] = effort_in[env]
-        terms_out[env, 11] = square_to(action_in, last_action_in, env)
-        terms_out[env, 12] = square_to(qd_in, last_qd_in, env) / (step_dt * step_dt)
-        terms_out[env, 13] = power_in[env]
-
+    wp.static(SOURCES)
+    for env in range(first, seen.q.shape[0], rows):
         total = float(0.0)
-        for term in range(weights.shape[0]):
-            total += weights[term] * terms_out[env, term]
-        total_out[env] = total * step_dt
+        for k in range(wp.static(len(_TERMS))):
+            value = wp.static(_TERMS[k].value)(seen, env)
+            terms_out[env, k] = value
+            total += weights[k] * value
+        total_out[env] = total * seen.step_dt
 
 
 def reward(s: WalkState, cfg: RewardCfg, step_dt: float, legs: Legs) -> Launch:
     """What writes all terms, ``s.terms``, and their weighted sum over a policy step of ``step_dt`` [s], ``s.total``."""
-    weights = torch.tensor([getattr(cfg, name) for name in TERMS], device=s.q.device)
-    return record_per_env(
-        rewards_kernel,
-        len(s.q),
-        [
-            *(cfg.velocity_width, cfg.yaw_width, cfg.step_height, cfg.target_height, step_dt, legs),
-            *(s.default_q, weights),
-            *(s.body_velocity, s.command, s.height, s.root_pos, s.root_vel, s.root_ang, s.gravity),
-            *(s.q, s.qd, s.last_qd, s.action, s.last_action, s.effort, s.power),
-            *(s.foot_ground, s.leg_phase, s.clock_match),
-        ],
-        [s.terms, s.total],
-    )
+    seen = Seen()
+    seen.legs, seen.step_dt = legs, step_dt
+    for name in ("velocity_width", "yaw_width", "step_height", "target_height"):
+        setattr(seen, name, getattr(cfg, name))
+    arrays = [name for name in Seen.vars if hasattr(s, name)]
+    for name in arrays:
+        setattr(seen, name, wp.from_torch(getattr(s, name)))
+    weights = torch.tensor([cfg.weight(name) for name in TERMS], device=s.q.device)
+    return record_per_env(rewards_kernel, len(s.q), [weights, seen], [s.terms, s.total])

@@ -301,9 +301,10 @@ def _check_price(cfg: EnvCfg, asset: RobotAsset) -> None:
         ValueError: a device's coil has no resistance, and may be used.
     """
     dark = [a.joint for a in asset.actuators if a.mr and a.mr.coil.coil_resistance == 0.0]
-    if cfg.rewards.power and cfg.actuator.sal and max(cfg.currents) > 0.0 and dark:
+    price = 0.0 - cfg.rewards.weight("power")
+    if price and cfg.actuator.sal and max(cfg.currents) > 0.0 and dark:
         raise ValueError(
-            f"--power-price {-cfg.rewards.power:g}: the coil resistance of {', '.join(dark)} is not known, so coils "
+            f"--power-price {price:g}: the coil resistance of {', '.join(dark)} is not known, so coils "
             "would cost nothing; state it with 'mrwarp fit --coil-resistance R', or leave the price out"
         )
 

@@ -111,7 +111,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "terrain": "rough" if cfg.terrain else "flat",
         "gains": list(cfg.gains) if cfg.gains else None,
         "randomize": asdict(cfg.randomize) if cfg.randomize else None,
-        "rewards": asdict(cfg.rewards),
+        "rewards": cfg.rewards.flat(),
         "num_envs": cfg.sim.num_envs,
         "device": cfg.sim.device,
         "engine": cfg.sim.engine.value,

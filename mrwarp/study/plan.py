@@ -178,11 +178,11 @@ def plant_cfg(
         z_step=ZStep.EULER,
     )
     if not paying:
-        cfg = replace(cfg, rewards=replace(cfg.rewards, tilt=TILT))
-        return replace(cfg, gains=PUBLIC_GAINS, rewards=replace(cfg.rewards, height=HEIGHT)) if plant == PUBLIC else cfg
+        cfg = replace(cfg, rewards=cfg.rewards.weighing(tilt=TILT))
+        return replace(cfg, gains=PUBLIC_GAINS, rewards=cfg.rewards.weighing(height=HEIGHT)) if plant == PUBLIC else cfg
     return replace(
         cfg,
-        rewards=replace(cfg.rewards, power=0.0 - power_price, height=HEIGHT),
+        rewards=cfg.rewards.weighing(power=0.0 - power_price, height=HEIGHT),
         randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
         currents=(CURRENT_GROUPS[-1],),
     )

@@ -14,8 +14,9 @@ import pytest
 import torch
 
 from mrwarp.cli import main
-from mrwarp.commands.run_train import Train
+from mrwarp.commands.run_train import Train, changed_weights
 from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.rewards import TERMS
 from mrwarp.options.command_line import CommandLine, parse
 from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
@@ -134,6 +135,20 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
     task = OnnxPolicy(out / "policy.onnx").description["task"]
     assert (task["num_envs"], task["rewards"]["power"], task["randomize"]["gain_scale"]) == (8, -0.01, [1.0, 1.0])
     assert (out / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_weights_of_reward_terms_are_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They reach the task and its record; a term that is not there, or no number, is refused before anything is made."""
+    chosen = Train(reward=("tilt=-20", "bounce=-2"), power_price=0.01)
+    assert chosen._weights() == {"tilt": -20.0, "bounce": -2.0, "power": -0.01}
+    task = {"tilt": -20.0, **{name: term.weight for name, term in TERMS.items() if name != "tilt"}}
+    assert changed_weights(task) == ("tilt=-20.0",)
+    for word, said in {
+        "tlt=1": "reward 'tlt' is unknown; choose from track_velocity",
+        "tilt": "give a term and its",
+    }.items():
+        assert main(["train", "--reward", word, "--out", str(tmp_path / "run")]) == 2
+        assert said in capsys.readouterr().err and not (tmp_path / "run" / "checkpoint.pt").exists()
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """Each reward term against an independent NumPy formula on hand-made states, its best value, and the total."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,8 +15,6 @@ from mrwarp.env.rewards import RewardCfg
 from mrwarp.usd.robot import DEFAULT_Q
 
 NUM_ENVS = 7
-SHAPES = {"target_height", "velocity_width", "yaw_width", "step_height", "winding_resistance"}
-"""Fields of RewardCfg that are no weights."""
 
 
 def make_state(seed: int) -> Any:
@@ -146,13 +143,19 @@ def make_best(s: Any) -> None:
 
 def weights(cfg: RewardCfg) -> dict[str, float]:
     """The weights by name."""
-    return {f.name: getattr(cfg, f.name) for f in fields(cfg) if f.name not in SHAPES}
+    return {name: cfg.weight(name) for name in rewards.TERMS}
 
 
-def test_every_term_has_a_weight_and_every_weight_a_term() -> None:
-    """The names in RewardCfg, in TERMS and in this file's formulas are the same."""
-    assert {f.name for f in fields(RewardCfg)} >= SHAPES
-    assert set(weights(RewardCfg())) == set(rewards.TERMS) == set(FORMULAS)
+def test_every_term_says_what_it_is_and_has_a_formula_here() -> None:
+    """Listed terms and this file's formulas are the same; a weight of no term, or no number, is refused."""
+    assert list(rewards.TERMS) == list(RewardCfg().flat())[: len(rewards.TERMS)] and set(rewards.TERMS) == set(FORMULAS)
+    assert all(term.says for term in rewards.TERMS.values())
+    cfg = RewardCfg().weighing(tilt=-100.0).weighing(height=-1.0)
+    assert (cfg.weight("tilt"), cfg.weight("height"), cfg.weight("bounce")) == (-100.0, -1.0, -1.0)
+    with pytest.raises(ValueError, match="reward 'tlt' is unknown; choose from track_velocity, .*power"):
+        RewardCfg(weights={"tlt": 1.0})
+    with pytest.raises(ValueError, match="reward tilt = nan must be finite"):
+        RewardCfg(weights={"tilt": float("nan")})
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -212,7 +215,7 @@ def test_total_is_the_weighted_sum_over_one_policy_step() -> None:
     state = make_state(5)
     rng = np.random.default_rng(6)
     own = {name: float(rng.normal()) for name in weights(RewardCfg())}
-    state.cfg = replace(state.cfg, **own)
+    state.cfg = state.cfg.weighing(**own)
     expected = 0.02 * sum(own[name] * formula(state) for name, formula in FORMULAS.items())
     scale = 0.02 * sum(np.abs(own[name] * formula(state)) for name, formula in FORMULAS.items())
     error = np.abs(total(state).double().numpy() - expected)

@@ -131,7 +131,7 @@ def test_the_task_scales_with_the_robot(beast: RobotAsset) -> None:
     assert by.length == length and by.mass == pytest.approx((8.0 + 4 * 2.1) / 12.6, rel=1e-6)
     assert scaled.gait_frequency == pytest.approx(cfg.gait_frequency / length**0.5)
     assert scaled.commands.v_x[1] == pytest.approx(cfg.commands.v_x[1] * length**0.5)
-    assert scaled.rewards.effort == pytest.approx(cfg.rewards.effort / (by.mass * length) ** 2)
+    assert scaled.rewards.weight("effort") == pytest.approx(cfg.rewards.weight("effort") / (by.mass * length) ** 2)
     assert in_natural_units(cfg, robot_scene()) is cfg
 
 

@@ -64,7 +64,7 @@ def test_seeds_without_a_shipped_policy_begin_with_a_training(tmp_path: Path, mo
     def run(
         env: EnvCfg, seed: int, updates: int, learning: object, begin: Callable[[], Path], folder: Path, _: str
     ) -> Path:
-        trained.append((folder.name, env.sim.num_envs, env.rewards.power, updates, begin().name))
+        trained.append((folder.name, env.sim.num_envs, env.rewards.weight("power"), updates, begin().name))
         return folder / "policy.onnx"
 
     monkeypatch.setattr(currents, "settled", run)

@@ -60,14 +60,16 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
     cfgs = [plant_cfg(robot, randomize="all") for robot in ROBOTS]
     for shared in ("commands", "noise", "randomize", "rewards", "currents", "action_scale", "gait_frequency"):
         assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
-    assert cfgs[0].rewards == RewardCfg(power=-POWER_PRICE, height=HEIGHT) and cfgs[0].currents == (1.5,)
+    assert cfgs[0].rewards == RewardCfg(weights={"power": -POWER_PRICE, "height": HEIGHT}) and cfgs[0].currents == (
+        1.5,
+    )
     assert cfgs[0].randomize == RandomizeCfg(added_mass=(-0.5, 3.5))
     assert [(cfg.robot, cfg.actuator_model, cfg.actuator.sal) for cfg in cfgs] == [
         ("go1", "none", False), ("mr_go", "bouc_wen", False), ("mr_go", "bouc_wen", True)
     ]  # fmt: skip
     assert plant_cfg("go1", randomize="none").randomize is None
     free = plant_cfg("go1", randomize="all", power_price=0.0)
-    assert free == replace(cfgs[0], rewards=replace(cfgs[0].rewards, power=0.0))
+    assert free == replace(cfgs[0], rewards=cfgs[0].rewards.weighing(power=0.0))
     assert plant_cfg(AWARE, power_price=1.0) == plant_cfg(AWARE)
     explicit = plant_cfg(EXPLICIT, randomize="all")
     assert explicit.actuator.coupling is Coupling.EXPLICIT
@@ -93,7 +95,7 @@ def test_public_gains_are_those_of_every_motor() -> None:
     """The aware plant with another Kp and Kd: in motors and devices, of the trained and of the judged robot."""
     cfg = plant_cfg(PUBLIC, num_envs=2, randomize="none")
     aware = plant_cfg(AWARE, num_envs=2, randomize="none")
-    assert cfg == replace(aware, gains=PUBLIC_GAINS, rewards=replace(aware.rewards, height=HEIGHT))
+    assert cfg == replace(aware, gains=PUBLIC_GAINS, rewards=aware.rewards.weighing(height=HEIGHT))
     for env in (WalkEnv(cfg), WalkEnv(make_play_cfg(cfg))):
         kp, kd = (env.view(array) for array in (env.actuator.kp, env.actuator.kd))
         assert bool((kp == PUBLIC_GAINS[0]).all()) and bool((kd == PUBLIC_GAINS[1]).all())
