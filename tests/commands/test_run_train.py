@@ -138,7 +138,7 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
 
 
 def test_weights_of_reward_terms_are_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They reach the task and its record; a term that is not there, or no number, is refused before anything is made."""
+    """They reach task and record; a term that is not there, or no number, is refused before anything is made."""
     chosen = Train(reward=("tilt=-20", "bounce=-2"), power_price=0.01)
     assert chosen._weights() == {"tilt": -20.0, "bounce": -2.0, "power": -0.01}
     task = {"tilt": -20.0, **{name: term.weight for name, term in TERMS.items() if name != "tilt"}}
