@@ -23,6 +23,9 @@ PUSHED = POLICIES / "pushed"
 PUSHED_GAINS = (12.0, 0.6)
 """Kp [N·m/rad] and Kd [N·m·s/rad] of the reading of table 4 that the rule adopted."""
 
+FIRST_SEEDS = (0, 1, 2)
+"""Training seeds of older policies, and of those under pushes and falling masses."""
+
 PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
 """Torque models as the paper writes them."""
 
@@ -31,7 +34,7 @@ class NotYet(RuntimeError):
     """What the experiment needs is not there yet; the message says what."""
 
 
-def _of(folder: Path, plant: str, seeds: tuple[int, ...] = SEEDS) -> tuple[Path, ...]:
+def _of(folder: Path, plant: str, seeds: tuple[int, ...] = FIRST_SEEDS) -> tuple[Path, ...]:
     return tuple(policy_file(folder, plant, seed) for seed in seeds)
 
 
@@ -57,7 +60,7 @@ class Settings:
     sticking: tuple[Path, ...] = field(default_factory=lambda: _of(ENERGY, plant_of("mr_go_sal", Coupling.CONSTRAINT)))
     """Policies of MR_Go-SAL's walks on devices that stick (the constraint coupling), trained with them; at most as many
     as of the robots. MR_Go walks beside them with its first ones."""
-    high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE, SEEDS))
+    high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE, FIRST_SEEDS))
     """As ``policies``, trained with the high price on power."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""

@@ -31,7 +31,6 @@ from mrwarp.study.plan import (
     EXPLICIT,
     HIGH_POWER_PRICE,
     POWER_PRICE,
-    SEEDS,
     kept,
     plant_cfg,
     policy_file,
@@ -102,7 +101,7 @@ class CurrentsCfg:
     """Price of a watt of motors and coils [1/W]."""
     more_prices: tuple[float, ...] = ()
     """Further prices [1/W], for all arms whose coils carry current: they make the front."""
-    more_seeds: tuple[int, ...] = SEEDS
+    more_seeds: tuple[int, ...] = ENERGY_SEEDS[:3]
     """Training seeds there."""
     coil_lag: float = 0.01
     """Time constant of the coils [s]: assumed, MR brakes of this size answer in 5 to 25 ms."""

@@ -16,7 +16,7 @@ from mrwarp.study.rollouts import EvaluationCfg
 
 def test_every_step_changes_one_thing() -> None:
     """Robot, then devices, then current with one branch or both."""
-    cfgs = {step: _plant(step, 0) for step in STEPS}
+    cfgs = {step: _plant(step, EvaluationCfg()) for step in STEPS}
     assert [cfg.robot for cfg, _ in cfgs.values()] == ["go1"] + ["mr_go"] * 5
     assert [cfg.actuator_model for cfg, _ in cfgs.values()] == ["none"] * 2 + ["bouc_wen"] * 4
     assert [current for _, current in cfgs.values()] == [0.0, 0.0, 0.0, 1.5, 1.5, 1.5]
