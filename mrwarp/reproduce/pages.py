@@ -390,7 +390,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "table2": _rows_table("table2"),
     "table2_policies": _studies(
         "policies",
-        ("`policies/study`", "study table2 study"),
+        ("`policies/study_brake`", "study table2 study_brake"),
         ("`policies/study_randomised`", "study table2 study_randomised"),
     ),
     "table2_rough": _studies(
