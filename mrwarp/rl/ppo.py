@@ -22,7 +22,7 @@ from tensordict import TensorDict
 from torch import nn
 from torch.optim.adam import adam
 
-from mrwarp.env.mirror import Mirror
+from mrwarp.rl.mirror import Mirror
 from mrwarp.rl.symmetry import SymmetricNetwork, symmetric_networks
 
 COVERED = {

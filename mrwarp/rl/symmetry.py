@@ -18,7 +18,7 @@ import torch
 from rsl_rl.models import MLPModel
 from torch import nn
 
-from mrwarp.env.mirror import Mirror, SignedPermutation
+from mrwarp.rl.mirror import Mirror, SignedPermutation
 
 
 class SymmetricNetwork:

@@ -15,10 +15,10 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.env.mirror import NoMirrorError, mirror_of
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl import checkpoint, policy, progress
 from mrwarp.rl.checkpoint import task
+from mrwarp.rl.mirror import NoMirrorError, mirror_of
 from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.progress import DivergenceError, Divergences, not_finite

@@ -10,8 +10,8 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.mirror import SignedPermutation, mirror_of
 from mrwarp.rl import trainer as trainer_module
+from mrwarp.rl.mirror import SignedPermutation, mirror_of
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.symmetry import SymmetricNetwork
 from mrwarp.rl.trainer import TrainCfg, Trainer

@@ -10,8 +10,8 @@ import torch
 from mrwarp.enums import CurrentCommand
 from mrwarp.env.cfg import make_play_cfg, make_walk_cfg
 from mrwarp.env.gait import legs_of
-from mrwarp.env.mirror import Mirror, NoMirrorError, SignedPermutation, _joints, _twins, mirror_of
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.rl.mirror import Mirror, NoMirrorError, SignedPermutation, _joints, _twins, mirror_of
 from tests.env.env_bench import random_actions
 
 STEPS = 10
