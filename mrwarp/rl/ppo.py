@@ -22,7 +22,7 @@ from tensordict import TensorDict
 from torch import nn
 from torch.optim.adam import adam
 
-from mrwarp.rl.mirror import Mirror
+from mrwarp.rl.mirror import Mirror, NoMirrorError
 from mrwarp.rl.symmetry import SymmetricNetwork, symmetric_networks
 
 COVERED = {
@@ -226,11 +226,21 @@ class PPO(algorithms.PPO):
         # a file of rsl-rl's own PPO says otherwise, and torch places what it loads by that
         groups = [{**group, "fused": True} for group in optimizer["param_groups"]]
         fused = {**loaded_dict, "optimizer_state_dict": {**optimizer, "param_groups": groups}}
-        return super().load(fused, load_cfg, strict)
+        found = super().load(fused, load_cfg, strict)
+        if self._symmetric and not self._symmetric[self.actor].holds():  # it began with a policy that was not
+            self._symmetric = {}
+        return found
 
     def be_symmetric(self, mirror: Mirror, *, drawn: bool) -> None:
-        """Make both networks symmetric and keep them so; ``drawn``: their weights were drawn at random."""
+        """Make both networks symmetric and keep them so; ``drawn``: their weights were drawn at random.
+
+        Raises:
+            NoMirrorError: they were not drawn, and the actor is not symmetric: its average with its mirror image would
+                be another policy.
+        """
         actor, critic = symmetric_networks(self.actor, self.critic, mirror)
+        if not drawn and not actor.holds():
+            raise NoMirrorError("the policy that it begins with has none")
         self._symmetric = {self.actor: actor, self.critic: critic}
         for network in self._symmetric.values():
             network.begin(drawn=drawn)

@@ -70,6 +70,13 @@ class SymmetricNetwork:
         row.add_(row[self._index] * self._sign).mul_(0.5)
 
     @torch.no_grad()
+    def holds(self) -> bool:
+        """Whether the weights are equivariant as they are, to rounding."""
+        row = torch.cat([parameter.flatten() for parameter in self._model.parameters()])
+        image = row[self._index] * self._sign
+        return bool((row - image).abs().max() <= 1e-5 * row.abs().max())
+
+    @torch.no_grad()
     def begin(self, *, drawn: bool) -> None:
         """Make the weights equivariant; ``drawn``: keep the spread of weights that were drawn at random."""
         parameters = list(self._model.parameters())

@@ -12,6 +12,7 @@ from tensordict import TensorDict
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import trainer as trainer_module
 from mrwarp.rl.mirror import SignedPermutation, mirror_of
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.symmetry import SymmetricNetwork
 from mrwarp.rl.trainer import TrainCfg, Trainer
@@ -100,6 +101,20 @@ def test_a_robot_without_a_mirror_is_trained_without_and_says_so(
     run = make_trainer(tmp_path)
     run.update()
     assert "note: trained without left-right symmetry (leg RL: no leg" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("short_gate")
+def test_an_asymmetric_policy_is_not_averaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A training that begins with one keeps its actor and says why; one that begins with a symmetric one stays so."""
+    cfg = TrainCfg(env=make_walk_cfg(num_envs=8), out=tmp_path / "on", iterations=1)
+    old = OnnxPolicy(DEFAULT_POLICY)
+    run = Trainer(cfg, start_from=DEFAULT_POLICY)
+    assert "without left-right symmetry (the policy that it begins with has none)" in capsys.readouterr().out
+    seen = run.env.get_observations()["actor"]
+    assert torch.allclose(outputs(run.algorithm.actor, seen), old(seen), atol=1e-4)
+    Trainer(TrainCfg(env=make_walk_cfg(num_envs=8), out=tmp_path / "first", iterations=1)).run()
+    second = Trainer(cfg, start_from=tmp_path / "first" / "checkpoint.pt")
+    assert second.algorithm.symmetric_of(second.algorithm.actor) is not None
 
 
 @pytest.mark.usefixtures("short_gate")

@@ -14,6 +14,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, warm_start
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
+from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.rl.warm_start import CRITIC_FIRST, NOISE, critic_learns_alone
 
@@ -43,7 +44,8 @@ def networks(run: Trainer) -> dict[str, dict[str, torch.Tensor]]:
 def test_networks_and_normalisers_are_taken_over_and_the_rest_is_new(flat: Path, tmp_path: Path) -> None:
     """A robot with a load begins with the other's networks, and else as a run of its own: update 0, own draws."""
     run = Trainer(make_cfg(tmp_path / "loaded", payload=3), start_from=flat)
-    fresh = Trainer(make_cfg(tmp_path / "fresh", payload=3))
+    plain = LearningCfg(symmetry=False)  # the shipped policy is not symmetric
+    fresh = Trainer(replace(make_cfg(tmp_path / "fresh", payload=3), learning=plain))
     saved, own, drawn = checkpoint.load(flat), networks(run), networks(fresh)
     for name in ("actor", "critic"):
         expected = saved["algorithm"][f"{name}_state_dict"]
@@ -95,7 +97,8 @@ def broken(flat: Path, folder: Path, what: str) -> Path:
 
 def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Path) -> None:
     """From the shipped policy: its actions to rounding, its statistics with their weight, little noise, no critic."""
-    fresh = Trainer(make_cfg(tmp_path / "fresh", payload=3))
+    plain = LearningCfg(symmetry=False)  # the shipped policy is not symmetric
+    fresh = Trainer(replace(make_cfg(tmp_path / "fresh", payload=3), learning=plain))
     run = Trainer(make_cfg(tmp_path / "out", payload=3), start_from=DEFAULT_POLICY)
     policy, actor = OnnxPolicy(DEFAULT_POLICY), run.algorithm.actor
     with torch.no_grad():
