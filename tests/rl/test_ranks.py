@@ -15,7 +15,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, ppo, trainer
 from mrwarp.rl import progress as curves
 from mrwarp.rl.checkpoint import CheckpointError
-from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, make_ppo_cfg
+from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, LearningCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks, RanksPPO
 from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
 from mrwarp.runtime import silent
@@ -44,7 +44,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 def make_cfg(out: Path, iterations: int) -> TrainCfg:
     """A run of a few updates."""
     env = replace(make_walk_cfg(num_envs=ENVS, threads=1), episode_seconds=1.0)
-    return TrainCfg(env=env, out=out, seed=3, iterations=iterations, until_gate=False)
+    return TrainCfg(
+        env=env, out=out, seed=3, iterations=iterations, until_gate=False, learning=LearningCfg(symmetry=False)
+    )
 
 
 def parameters(algorithm: PPO) -> torch.Tensor:
