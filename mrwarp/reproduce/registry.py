@@ -60,11 +60,7 @@ _ALL = (
         name="table3",
         compute=training_results.table3,
         settings=("rollouts", "seed"),
-        files=lambda: [
-            *study_files(MODELS),
-            *study_files(training_results.brake_models(), folder=BRAKE),
-            *networks((PLANT,)),
-        ],
+        files=lambda: [*study_files(MODELS), *study_files(MODELS, folder=BRAKE), *networks((PLANT,))],
         seconds=_rollouts,
     ),
     Experiment(

@@ -51,7 +51,7 @@ LEVEL = 0.05
 def table2(job: Job) -> Findings:
     """Configurations A to D over the training seeds, and what the training lowers.
 
-    By the paper's explicit torque, in training and evaluation; then likewise by the brake constraint.
+    By the paper's explicit torque, in training and evaluation; then by the brake constraint, in both.
     """
     table, brake = (
         paper_tables.table2(cfg, report=lambda share, k=k: job.report("rollouts", 0.5 * (k + share)))
@@ -90,13 +90,11 @@ def table2(job: Job) -> Findings:
 def table3(job: Job) -> Findings:
     """Metrics per torque model in training over the seeds; the ranking as found, with its statistical support.
 
-    By the paper's explicit torque; then by the brake constraint, of the models that are trained with it.
+    By the paper's explicit torque, then by the brake constraint, as table 2.
     """
-    literal, constraint = _both(job)
-    table = paper_tables.table3(literal, report=lambda share: job.report("rollouts", 0.5 * share))
-    with_brake = brake_models()
-    brake = paper_tables.table3(
-        constraint, models=with_brake, report=lambda share: job.report("rollouts", 0.5 + 0.5 * share)
+    table, brake = (
+        paper_tables.table3(cfg, report=lambda share, k=k: job.report("rollouts", 0.5 * (k + share)))
+        for k, cfg in enumerate(_both(job))
     )
     titles = PLANT_TITLES
     rows = [
@@ -128,12 +126,6 @@ def table3(job: Job) -> Findings:
         ],
         tables=[TextTable(title="Ranking, best first", head=["metric", "ours", "paper"], rows=ranking)],
     )
-
-
-def brake_models() -> list[str]:
-    """Torque models whose policies were trained with the brake constraint, all seeds."""
-    seeds = EvaluationCfg().seeds
-    return [model for model in MODELS if all(policy_file(BRAKE_POLICIES, model, seed).is_file() for seed in seeds)]
 
 
 def fig5(job: Job) -> Findings:

@@ -375,7 +375,7 @@ class PPO(algorithms.PPO):
         self._update_normalization(self.critic, observations)
 
     def symmetric_of(self, model: MLPModel) -> SymmetricNetwork | None:
-        """What keeps a network symmetric; None where nothing does."""
+        """The symmetry that a network is held to; None for a plain one."""
         return self._symmetric.get(model)
 
     def _update_normalization(self, model: MLPModel, observations: TensorDict) -> None:

@@ -10,19 +10,17 @@ import mujoco
 import numpy as np
 import torch
 
-from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.runtime import one_torch_thread, text_table
+from mrwarp.runtime import text_table
 from mrwarp.study.plan import plant_cfg, policy_file
-from mrwarp.study.rollouts import EvaluationCfg
-from mrwarp.trials.power_meter import MotionMeter
-from mrwarp.trials.walking import act, make_env, same_starts
+from mrwarp.study.rollouts import EvaluationCfg, roll_out
+from mrwarp.usd.robot import CURRENT_GROUPS
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What a policy has to keep so that tables can rest on it, at 0.5 m/s on flat ground."""
+    """Limits of a policy that tables can rest on, at 0.5 m/s on flat ground."""
 
     tilt_rms: float = 1.0
     """Largest RMS of roll and pitch together [deg]: one leg of a pair 0.4 m apart stands 7 mm higher than the other."""
@@ -102,7 +100,7 @@ class FootMeter:
 def evaluate(
     cfg: EvaluationCfg, plants: Sequence[str], report: Callable[[float], None] | None = None
 ) -> list[dict[str, Any]]:
-    """Figures of :data:`UNITS` of each policy of some trainings, on flat ground, and the rules that it breaks.
+    """Figures of :data:`UNITS` of each policy of some trainings, at full current, and the rules that it breaks.
 
     Args:
         cfg: Which policies, and how they are rolled out; every policy walks on the plant that it was trained on.
@@ -112,8 +110,11 @@ def evaluate(
     rows = []
     for k, plant in enumerate(plants):
         policies = [OnnxPolicy(policy_file(cfg.folder, plant, seed)) for seed in cfg.seeds]
-        found = walk_quality(cfg, plant_cfg(plant, threads=cfg.threads, coupling=cfg.coupling), policies)
-        for seed, figures in zip(cfg.seeds, found, strict=True):
+        env = plant_cfg(plant, threads=cfg.threads, coupling=cfg.coupling)
+        found = roll_out(cfg, env, policies, [CURRENT_GROUPS[-1]] * len(policies), further=FootMeter)
+        means = {name: values.mean(axis=1) for name, values in {**found.figures, "fell": found.fell}.items()}
+        for place, seed in enumerate(cfg.seeds):
+            figures = {name: float(means[name][place]) for name in UNITS}
             rows.append({"plant": plant, "seed": seed, **figures, "broken": broken(figures)})
         if report:
             report((k + 1) / len(plants))
@@ -136,37 +137,6 @@ def lines(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], bool]:
 
 def _of(rows: Sequence[Mapping[str, Any]], plant: str) -> list[Mapping[str, Any]]:
     return [row for row in rows if row["plant"] == plant]
-
-
-@torch.no_grad()
-@one_torch_thread()
-def walk_quality(cfg: EvaluationCfg, env_cfg: EnvCfg, policies: Sequence[OnnxPolicy]) -> list[dict[str, float]]:
-    """Figures of :data:`UNITS` of each policy, means over its rollouts; on flat ground, all devices at full current.
-
-    Args:
-        cfg: How they are rolled out.
-        env_cfg: What they walk on.
-        policies: The policies.
-    """
-    env = make_env(env_cfg, len(policies) * cfg.rollouts, cfg.seed)
-    same_starts(env, cfg.rollouts, cfg.seed)
-    env.current_e.fill_(max(env.cfg.currents))
-    command = torch.zeros(env.num_envs, 3, device=env.device)
-    command[:, 0] = cfg.speed
-    env.set_command(command)
-    obs, motion, feet = env.get_observations(), MotionMeter(env, command), FootMeter(env)
-    going = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
-    skip, steps = round(cfg.warmup / env.cfg.step_dt), round(cfg.seconds / env.cfg.step_dt)
-    for step in range(skip + steps):
-        obs, _, _, _ = env.step(act(policies, obs))
-        env.set_command(command)
-        going = going & ~env.fallen
-        if step >= skip:
-            motion.add(going)
-            feet.add(going)
-    figures = {**motion.figures(), **feet.figures(), "fell": (~going).cpu().numpy().astype(float)}
-    rows = {name: figures[name].reshape(len(policies), cfg.rollouts).mean(axis=1) for name in UNITS}
-    return [{name: float(values[k]) for name, values in rows.items()} for k in range(len(policies))]
 
 
 def broken(figures: Mapping[str, float], rules: Rules | None = None) -> list[str]:

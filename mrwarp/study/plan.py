@@ -68,7 +68,7 @@ STUDY = POLICIES / "study"
 """Shipped policies of the studies, trained with the paper's explicit torque, with their training records."""
 
 BRAKE = POLICIES / "study_brake"
-"""Shipped policies of the studies that were trained with the brake constraint, likewise."""
+"""Shipped policies of the studies that were trained with the brake constraint, with their training records."""
 
 
 @dataclass(frozen=True, kw_only=True)

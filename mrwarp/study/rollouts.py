@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import torch
 
 from mrwarp.enums import Coupling
 from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.runtime import one_torch_thread
 from mrwarp.study.plan import AWARE, SEEDS, STUDY, check_seeds
 from mrwarp.trials.power_meter import MotionMeter
@@ -28,6 +30,18 @@ METRICS = {
     "yaw_rate_rmse": "rad/s",  # root of the mean squared yaw rate; the command is 0
 }
 """Measured figures of a rollout and their units."""
+
+
+class Meter(Protocol):
+    """Measures rollouts, a call after every policy step."""
+
+    def add(self, counted: torch.Tensor) -> None:
+        """Add the policy step that has just been simulated, of these environments; bool, shape (E,)."""
+        ...
+
+    def figures(self) -> dict[str, np.ndarray]:
+        """Figures by name, shape (E,)."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +97,8 @@ def roll_out(
     policies: Sequence[Policy],
     currents: Sequence[float],
     report: Callable[[float], None] | None = None,
+    *,
+    further: Callable[[WalkEnv], Meter] | None = None,
 ) -> Measured:
     """Roll policies out side by side.
 
@@ -92,6 +108,7 @@ def roll_out(
         policies: One policy per row.
         currents: Current its devices may use [A]; 0 is SAL off. Same length.
         report: Called now and then with the share that is done.
+        further: Makes a meter whose figures are added to those of :data:`METRICS`.
     """
     count = len(policies)
     env = make_env(plant, count * cfg.rollouts, cfg.seed)
@@ -101,6 +118,7 @@ def roll_out(
     command[:, 0] = cfg.speed
     env.set_command(command)
     obs, motion = env.get_observations(), MotionMeter(env, command)
+    meters: list[Meter] = [motion, *([further(env)] if further else [])]
     going = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
     skip, steps = round(cfg.warmup / env.cfg.step_dt), round(cfg.seconds / env.cfg.step_dt)
     for step in range(skip + steps):
@@ -108,9 +126,13 @@ def roll_out(
         env.set_command(command)
         going = going & ~env.fallen
         if step >= skip:
-            motion.add(going)
+            for meter in meters:
+                meter.add(going)
         if report and step % 100 == 99:
             report((step + 1) / (skip + steps))
-    found = {name: values.reshape(count, cfg.rollouts) for name, values in motion.figures().items()}
+    measured = motion.figures()
+    kept = {name: measured[name] for name in METRICS}
+    for meter in meters[1:]:
+        kept |= meter.figures()
     fell = ~going.reshape(count, cfg.rollouts).cpu().numpy()
-    return Measured(figures={name: found[name] for name in METRICS}, fell=fell)
+    return Measured(figures={name: values.reshape(count, cfg.rollouts) for name, values in kept.items()}, fell=fell)

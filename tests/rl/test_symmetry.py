@@ -28,7 +28,7 @@ def image(values: torch.Tensor, of: SignedPermutation) -> torch.Tensor:
 
 
 def outputs(model: MLPModel, inputs: torch.Tensor) -> torch.Tensor:
-    """What a network gives."""
+    """Outputs of a network."""
     with torch.no_grad():
         return model.mlp(model.obs_normalizer(inputs))
 
