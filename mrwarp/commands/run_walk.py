@@ -120,12 +120,12 @@ class EnergyOptions(opt.SteppedRobot):
             PolicyError: a file cannot be used.
         """
         from mrwarp.rl.policy import OnnxPolicy
-        from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
+        from mrwarp.study.plan import ENERGY, FIRST_SEEDS, plant_of, policy_file
 
         paths = {
             robot: getattr(self, f"policy_{robot}")
             or self.policy
-            or policy_file(ENERGY, plant_of(robot, self.coupling), SEEDS[0])
+            or policy_file(ENERGY, plant_of(robot, self.coupling), FIRST_SEEDS[0])
             for robot in ROBOTS
         }
         loaded = {path: OnnxPolicy(path) for path in set(paths.values())}
@@ -397,10 +397,10 @@ class Mission(EnergyOptions):
             return {"policy": policies["mr_go_sal"]}
 
         from mrwarp.rl.policy import OnnxPolicy
-        from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
+        from mrwarp.study.plan import ENERGY, FIRST_SEEDS, plant_of, policy_file
 
         plant = plant_of("mr_go_sal", self.coupling)
-        return {f"seed {seed}": OnnxPolicy(policy_file(ENERGY, plant, seed)) for seed in SEEDS}
+        return {f"seed {seed}": OnnxPolicy(policy_file(ENERGY, plant, seed)) for seed in FIRST_SEEDS}
 
     def _thermal(
         self,

@@ -15,16 +15,24 @@ from mrwarp.nn.network_file import shipped_model
 from mrwarp.paper import ROBOTS
 from mrwarp.resources import POLICIES
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, ENERGY, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
+from mrwarp.study.plan import (
+    AWARE,
+    ENERGY,
+    ENERGY_SEEDS,
+    FIRST_SEEDS,
+    HIGH_PRICE,
+    PUBLIC,
+    SEEDS,
+    STUDY,
+    plant_of,
+    policy_file,
+)
 
 PUSHED = POLICIES / "pushed"
 """Policies that were trained with :data:`PUSHED_GAINS` under pushes, see :func:`training_results.train_pushed`."""
 
 PUSHED_GAINS = (12.0, 0.6)
 """Kp [N·m/rad] and Kd [N·m·s/rad] of the reading of table 4 that the rule adopted."""
-
-FIRST_SEEDS = (0, 1, 2)
-"""Training seeds of older policies, and of those under pushes and falling masses."""
 
 PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
 """Torque models as the paper writes them."""

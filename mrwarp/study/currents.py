@@ -29,6 +29,7 @@ from mrwarp.study.plan import (
     ENERGY,
     ENERGY_SEEDS,
     EXPLICIT,
+    FIRST_SEEDS,
     HIGH_POWER_PRICE,
     POWER_PRICE,
     kept,
@@ -101,7 +102,7 @@ class CurrentsCfg:
     """Price of a watt of motors and coils [1/W]."""
     more_prices: tuple[float, ...] = ()
     """Further prices [1/W], for all arms whose coils carry current: they make the front."""
-    more_seeds: tuple[int, ...] = ENERGY_SEEDS[:3]
+    more_seeds: tuple[int, ...] = FIRST_SEEDS
     """Training seeds there."""
     coil_lag: float = 0.01
     """Time constant of the coils [s]: assumed, MR brakes of this size answer in 5 to 25 ms."""

@@ -30,7 +30,10 @@ from mrwarp.run_dir import plain, write_text
 from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 SEEDS = (0, 1, 2, 3, 4)
-"""Training seeds of every plant."""
+"""Training seeds of the studies' plants."""
+
+FIRST_SEEDS = SEEDS[:3]
+"""Training seeds that every folder of policies has, the older ones too."""
 
 ENERGY_SEEDS = (0, 1, 2, 3, 4)
 """Training seeds of the robots of tables 6 and 7, MR_Go-SAL with devices that stick excepted: a small price leaves
