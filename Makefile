@@ -33,6 +33,7 @@ lint: $(READY)
 	$(PY) -m pyright --pythonpath $(PY)
 	$(VENV)/bin/lint-imports --no-cache
 	$(PY) -m mrwarp reproduce docs --only-check
+	$(PY) -m mrwarp device page --only-check
 
 format: $(READY)
 	$(PY) -m ruff check --fix .

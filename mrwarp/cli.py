@@ -12,14 +12,11 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from mrwarp.options.command_line import CommandLine, OptionError, Options, parse
+from mrwarp.options.command_line import MODELS, CommandLine, OptionError, Options, parse
 from mrwarp.options.command_table import COMMANDS, Command, Group
 from mrwarp.options.extras import missing_extra
 from mrwarp.run_dir import FolderError, one_line
 from mrwarp.runtime import closest, exit_code, one_of_several, one_voice, quiet_libraries
-
-MODELS = ("model", "bouc_wen")
-"""Options that name a model.json."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 """Errors of a disk that takes no more: no fault of the command line."""

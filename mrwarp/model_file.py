@@ -34,6 +34,7 @@ from mrwarp.options.json_file import (
     shown,
 )
 from mrwarp.params import CoilParams, HoldParams, MrParams, ParameterError, ParamSpec, with_unit
+from mrwarp.resources import model_path, no_model
 from mrwarp.run_dir import write_text
 from mrwarp.runtime import closest
 
@@ -180,6 +181,19 @@ class Model:
         """Whether the model states the holding law (eq. 18), as ``fit`` does with break-away tests."""
         return "T_max" in self.parameters
 
+    def check_joint(self) -> None:
+        """Refuse a device that turns no joint of the simulator.
+
+        Raises:
+            ModelFileError: the model is not in rad, A and N·m.
+        """
+        if dict(self.units) != JOINT_UNITS:
+            theirs, ours = (", ".join(units.values()) for units in (self.units, JOINT_UNITS))
+            raise ModelFileError(
+                f"{shown(self.fitted_on.source)}: its model is in {theirs}, the simulator's joints are in {ours}; "
+                "fit a recording in these units, converted by the lever of the device"
+            )
+
     def to_params(self, base: MrParams | None = None, *, extrapolate: bool = False) -> MrParams:
         """The joint for the simulator.
 
@@ -195,11 +209,7 @@ class Model:
         Raises:
             ModelFileError: the model is not in rad, A and N·m, or a value is out of range.
         """
-        if dict(self.units) != JOINT_UNITS:
-            raise ModelFileError(
-                f"units = {dict(self.units)}: the simulator's joints are in {JOINT_UNITS}; "
-                "fit a recording in these units, converted by the lever of the device"
-            )
+        self.check_joint()
         try:
             params = (base or MrParams()).replace(**{**dict.fromkeys(_OF_OTHERS, 0.0), **self.values})
             if self.fitted_on.current and "current_max" not in self.parameters:
@@ -277,21 +287,23 @@ def save_model(model: Model, path: str | Path) -> Path:
 
 @_of_a_model()
 def load_model(path: str | Path) -> Model:
-    """Read and check a model file.
+    """Read and check a model file, or a device of the library by its name (``mrwarp device list``).
 
     Example:
         >>> import mrwarp
         >>> model = mrwarp.load_model("model.json")
         >>> model.parameters["K1"].unit
         'N·m/(rad·A)'
+        >>> mrwarp.load_model("mr_utfsm").units["torque"]
+        'N'
 
     Raises:
         ModelFileError: the file is missing, too large, not JSON, of another schema, or one of its entries is unusable.
     """
-    path = Path(path)
+    path = model_path(path)
     if path.is_file() and (size := path.stat().st_size) > MAX_BYTES:
         raise ModelFileError(f"{path}: {size} bytes; a model file has at most {MAX_BYTES}")
-    return model_from_dict(read_json_file(path, _REMEDY), str(path))
+    return model_from_dict(read_json_file(path, _REMEDY if path.exists() else no_model(path)), str(path))
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:

@@ -186,6 +186,7 @@ class DriveMR(DriveBase):
             ValueError: the effects would leave the joint a negative armature.
         """
         model = load_model(path)
+        model.check_joint()
         check_effects(model.effects, str(path))
         armature = builder.joint_armature[index] + added_inertia(model.effects)
         if armature < 0.0:

@@ -112,7 +112,7 @@ class Apply(Options):
     file: Positional[opt.File]
     """USD file"""
     model: Positional[Annotated[Path, opt.one(Path, "MODEL.json")]]
-    """model.json, as 'mrwarp fit' writes it"""
+    """model.json, as 'mrwarp fit' writes it, or a device of 'mrwarp device list'"""
     prim: Annotated[str, NAME] = "MRDevice"
     """joint or class; MRDevice is all four"""
     extrapolate: opt.Flag = False

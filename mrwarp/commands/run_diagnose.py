@@ -40,7 +40,7 @@ class Diagnose(opt.LogOptions):
     policy: opt.OptionalFile = None
     """of a robot's log: also show what the verdict changes when this policy walks (falls, tracking, power)"""
     model: opt.OptionalFile = None
-    """nominal model.json, against which shifts of calibration count"""
+    """nominal model.json, or a device of 'mrwarp device list', against which shifts of calibration count"""
     skip_bad: opt.Flag = False
     """leave out files of a folder that cannot be used, by name"""
     seed: opt.Seed = 0

@@ -210,7 +210,7 @@ class Learn(Options):
     kind: Annotated[str, opt.one_of(LEARNED), arg(aliases=["--model"])] = "pg_rlstm"
     """kind of network; --model is its earlier name"""
     bouc_wen: opt.OptionalFile = None
-    """model.json of 'mrwarp fit' or 'mrwarp diagnose' (default: the paper)"""
+    """model.json of 'mrwarp fit' or 'mrwarp diagnose', or a device of 'mrwarp device list' (default: the paper)"""
     epochs: opt.Count = 80
     """most epochs"""
     windows_per_epoch: opt.Count = 65_536

@@ -166,7 +166,7 @@ class FitDevice(Options):
     joint: Annotated[tuple[str, ...], opt.some(str, "JOINT")]
     """joints; names may hold * and ?"""
     model: opt.OptionalFile = None
-    """model.json of the device (default: the paper's)"""
+    """model.json of the device, or a name of 'mrwarp device list' (default: the paper's)"""
     scale: Annotated[float | None, opt.one(_scale, "X")] = 1.0
     """times stronger than --model, at the same currents; 'limit': as the joint's torque limit to the paper's calf's"""
     remove: opt.Flag = False

@@ -23,21 +23,23 @@ from tyro import _errors as events  # not public, see pyproject.toml
 from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional
 
 from mrwarp.options.file_kinds import refuse_other_kind
+from mrwarp.resources import model_path, no_model
 from mrwarp.run_dir import check_writable, claim
 from mrwarp.runtime import check_device
 
 HELP_WIDTH = 120
 """Columns of a help that is not shown in a terminal."""
 
-_MODEL = "no such file; name a model.json, as 'mrwarp fit' writes it"
+MODELS = ("model", "bouc_wen")
+"""Options that name a model.json, or a device of the library."""
+
 _PATH = "no such file or folder; check the path"
 _USD = "no such file; name a .usda file"
 
 INPUTS = {
     "policy": "no such policy; name an .onnx file that 'mrwarp train' wrote",
     "resume": "no such checkpoint; name the file checkpoint.pt that training wrote",
-    "model": _MODEL,
-    "bouc_wen": _MODEL,
+    **dict.fromkeys(MODELS, "no such file"),
     "robot": "no such robot; name its file",
     **dict.fromkeys(("asset", "a", "b"), _USD),
     "numbers": "no such file; name the numbers.json that --calibrate wrote",
@@ -141,6 +143,8 @@ class Options:
                 named = isinstance(path, str) and field.name == "robot" and not Path(path).suffix
                 if not isinstance(path, str | Path) or named:
                     continue
+                if field.name in MODELS:
+                    reason, path = f"no such file; {no_model(path)}", model_path(path)
                 if not os.path.lexists(path):
                     raise ValueError(f"{path}: {reason}")
                 refuse_other_kind(Path(path), field.name)

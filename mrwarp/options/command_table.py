@@ -69,12 +69,20 @@ ROBOT = {
     "fit-device": Command("run_robot:FitDevice", "put MR devices onto joints, or take them off"),
 }
 
+DEVICE = {
+    "list": Command("run_device:ListDevices", "the library: name, law, error on unseen runs, units, licence"),
+    "show": Command("run_device:ShowDevice", "numbers with intervals, range, what is unexplained, source, commands"),
+    "make": Command("run_device:MakeDevice", "an entry out of what fit or diagnose made of a recording"),
+    "page": Command("run_device:DevicePage", "docs/devices.md from the library"),
+}
+
 LOG = {
     "import": Command("run_log:ImportLog", "a ROS 2 bag or MCAP file as a robot's log"),
     "record": Command("run_log:RecordLog", "record logs of a virtual robot with known hidden effects"),
 }
 
 COMMANDS: dict[str, Command | Group] = {
+    "demo": Command("run_demo:Demo", "two pictures in two minutes: robots that walk on brakes, a joint's loops"),
     "train": Command("run_train:Train", "train a walking policy until the walking gate is met"),
     "play": Command("run_play:Play", "run a policy and show it in rerun, or save an .rrd or a picture"),
     "sweep": Command("run_sweep:Sweep", "run a command over a grid of seeds, models, currents; resumable"),
@@ -88,6 +96,7 @@ COMMANDS: dict[str, Command | Group] = {
     "diagnose": Command(
         "run_diagnose:Diagnose", "what the simulation gets wrong, why, and what it gains to put that right"
     ),
+    "device": Group("the library of identified devices, for every --model", DEVICE),
     "monitor": Command("run_fit:Monitor", "follow a device's health through a folder of calibration records"),
     "log": Group("logs of whole robots, for 'mrwarp diagnose'", LOG),
     "learn": Command("run_fit:Learn", "train and evaluate the learned torque models"),

@@ -54,6 +54,7 @@ _SUFFIXES = {
 _JSON = (
     (("parameters", "fitted_on", "units", "effects"), "model.json", "a model.json"),
     (("plant", "task"), "record", "the record of a policy's training"),
+    (("stated", "measured"), "device.json", "the device.json of the library of devices"),
     (("joints", "base"), "log.json", "the log.json of a robot's log"),
     (("key", "findings"), "findings.json", "the findings.json of 'mrwarp reproduce'"),
 )

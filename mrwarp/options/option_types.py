@@ -171,7 +171,8 @@ class RobotOptions(Options):
     """What makes a robot, for every command that simulates one."""
 
     model: OptionalText = None
-    """model.json: identified joint with its effects, on all MR joints (default: the asset's own numbers)"""
+    """model.json, or a device of 'mrwarp device list': identified joint with its effects, on all MR joints (default:
+    the asset's own numbers)"""
     asset: OptionalText = None
     """another USD file than assets/usd/mr_go.usda"""
 

@@ -227,6 +227,7 @@ def with_model(asset: RobotAsset, model: Model | str | Path, *, extrapolate: boo
     model = model if isinstance(model, Model) else load_model(model)
     if not any(actuator.mr for actuator in asset.actuators):
         raise ModelFileError(f"{name}: robot {asset.robot!r} has no MR joint to take the model; leave the model out")
+    model.check_joint()
     check_effects(model.effects, name)
     return replace(
         asset,

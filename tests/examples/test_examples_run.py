@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.py"))
-SLOW = {"fit_and_diagnose", "train_and_watch", "current_as_action"}
+SLOW = {"fit_and_diagnose", "train_and_watch", "current_as_action", "newton_joint", "robot_log"}
 """Those that take tens of seconds."""
 LINES = 60
 

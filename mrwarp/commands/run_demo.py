@@ -1,0 +1,56 @@
+"""``mrwarp demo``: from nothing to a picture of a robot that walks on brakes, and to a joint next to its recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mrwarp.commands.run_play import Play
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.runtime import Stopwatch
+
+SECONDS = 4.0
+"""Time that the robots walk [s]: five instants of two strides each."""
+
+RUNS, SAMPLES = 8, 6400
+"""Size of the joint's recording: two runs at each current, 4 s long; the fit takes a few seconds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo(Options):
+    """See what this is about, in two minutes on two cores: two pictures, by the shipped policy and the paper's device.
+
+    walk.png shows four robots that walk with MR brakes at their calves, one per coil current. loop.png shows a joint's
+    simulated torque over the recording that it was identified from; the virtual bench makes that.
+    """
+
+    out: opt.Folder = Path("runs/demo")
+    """output folder: walk.png, loop.png"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when both pictures are written."""
+        progress = Stopwatch()
+        progress("four robots walk on brakes, one per coil current; the first time kernels are compiled, half a minute")
+        walk, loop = self.out / "walk.png", self.out / "loop.png"
+        words = ("--policy", str(DEFAULT_POLICY), "--png", str(walk), "--seconds", f"{SECONDS:g}")
+        play = Play(policy=str(DEFAULT_POLICY), png=walk, seconds=SECONDS)
+        if code := play.run(CommandLine("mrwarp play", words)):
+            return code
+
+        from mrwarp.bench.virtual_bench import BenchCfg, run_bench
+        from mrwarp.identify.fit import fit
+        from mrwarp.identify.fit_pictures import loops_picture
+
+        progress("a joint on a bench with hidden effects, and eq. 14 identified from what was recorded")
+        recording = run_bench(BenchCfg(trajectories=RUNS, samples=SAMPLES, evaluation_samples=0)).fit
+        fitted = fit(recording)
+        loops_picture(recording, fitted, None, loop)
+        print(f"eq. 14 leaves {100 * fitted.nrmse:.1f} % of the joint's torque; what that is says 'mrwarp diagnose'")
+        print(
+            f"\n{walk}: robots that walk on brakes\n{loop}: a joint's loops next to its recording\n"
+            f"({progress.seconds:.0f} s) Next: mrwarp play --policy {DEFAULT_POLICY.name} opens a viewer, "
+            "mrwarp device list shows real devices, mrwarp --help the rest"
+        )
+        return 0

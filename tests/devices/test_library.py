@@ -1,0 +1,136 @@
+"""The library of identified devices: whole, resolvable by name wherever a model is, and the page agrees with it."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import mrwarp
+from mrwarp.cli import main
+from mrwarp.devices.device_page import PAGE, PICTURES, ROOT, page_of
+from mrwarp.devices.entry import library, lines, load_device, numbers
+from mrwarp.devices.make_entry import PAPER, make_device
+from mrwarp.model_file import ModelFileError, load_model
+from mrwarp.options.json_file import JsonFileError
+from mrwarp.params import MrParams
+from mrwarp.recording.load import RecordingError, load_recording
+from mrwarp.resources import DEVICES, device_names, model_path
+
+LARGEST_PICTURE = 40_000
+"""Bytes: the repository stays light."""
+
+
+def test_ten_devices_say_what_is_known_of_them() -> None:
+    """Law, numbers, range, error on unseen runs, what is left, source with licence, command; no recording."""
+    devices = library()
+    assert len(devices) >= 10 and PAPER in {d.name for d in devices}
+    for d in devices:
+        assert {p.name for p in (DEVICES / d.name).iterdir()} == {"model.json", "device.json"}
+        assert all(d.stated.values()) and d.measured["held_out"]["rmse"] > 0.0 and d.measured["unexplained"]
+        assert d.measured["commands"] and d.measured["range"]["speed"] > 0.0
+        assert d.name == PAPER or any(p.ci95 for p in d.model.parameters.values())
+        assert numbers(d.model) and any(text.startswith("error on unseen runs") for text in lines(d))
+
+
+def test_the_pictures_and_the_page_agree_with_the_files() -> None:
+    """As ``mrwarp device page --only-check`` says in ``make lint``."""
+    assert (ROOT / PAGE).read_text(encoding="utf-8") == page_of(DEVICES)
+    sizes = {path.stem: path.stat().st_size for path in (ROOT / PICTURES).glob("*.png")}
+    assert tuple(sorted(sizes)) == device_names() and max(sizes.values()) < LARGEST_PICTURE
+    assert main(["device", "page", "--only-check"]) == 0
+
+
+def test_the_papers_device_is_the_papers() -> None:
+    """Its numbers are those of :mod:`mrwarp.params`; resistance and mass, which it does not state, are not known."""
+    model = mrwarp.load_model(PAPER)
+    values = MrParams().to_dict()
+    assert all(p.value == values[name] for name, p in model.parameters.items())
+    assert set(model.not_known) == {"coil resistance", "mass"}
+    assert model.to_params().bouc_wen == MrParams().bouc_wen
+
+
+def test_a_name_stands_for_its_file_and_a_file_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of that name, such as the recording itself, does not hide the device."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "emps").mkdir()
+    assert model_path("emps") == DEVICES / "emps" / "model.json" and load_model("emps").units["torque"] == "N"
+    shutil.copy(DEVICES / PAPER / "model.json", tmp_path / "mr_utfsm")
+    assert load_model("mr_utfsm").units["torque"] == "N·m"
+
+
+def test_an_unknown_name_is_refused_with_the_nearest(capsys: pytest.CaptureFixture) -> None:
+    """In one line, in Python and by each command."""
+    with pytest.raises(ModelFileError, match="did you mean emps"):
+        load_model("emp")
+    for words in (["walk", "--model", "emp"], ["learn", ".", "--out", "o", "--bouc-wen", "emp"]):
+        assert main(words) == 2
+        assert re.search(r"^mrwarp \w+: emp: .*did you mean emps\?.*\n$", capsys.readouterr().err)
+    assert main(["device", "show", "emp"]) == 2
+    assert "there is no device 'emp'; did you mean 'emps'?" in capsys.readouterr().err
+
+
+def test_a_device_in_other_units_is_refused_by_its_units(capsys: pytest.CaptureFixture) -> None:
+    """Not by the first effect whose number has one of them."""
+    assert main(["walk", "--model", "emps", "--out", "never"]) == 2
+    assert "its model is in m, A, N, the simulator's joints are in rad, A, N·m" in capsys.readouterr().err
+    assert not Path("never").exists()
+
+
+def test_list_and_show_print_every_device(capsys: pytest.CaptureFixture) -> None:
+    """``list`` has a line for each, ``show`` its numbers with their intervals."""
+    assert main(["device", "list"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[1:]] == list(device_names())
+    assert main(["device", "show", "emps"]) == 0
+    said = capsys.readouterr().out
+    assert "rotor_inertia.inertia [kg]" in said and "Apache-2.0" in said and "mrwarp diagnose emps" in said
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of the virtual bench, and what ``fit --law`` made of it."""
+    from mrwarp.bench.bench_effects import Effects
+    from mrwarp.bench.virtual_bench import BenchCfg, run_bench
+    from mrwarp.recording.write import save_recording
+
+    folder = tmp_path_factory.mktemp("device")
+    effects = Effects.defaults(0.0).replace(torque_noise=0.02)
+    cfg = BenchCfg(trajectories=4, samples=2000, evaluation_samples=0, seed=5, effects=effects)
+    save_recording(run_bench(cfg).fit, folder / "data")
+    assert main(["fit", str(folder / "data"), "--law", "dahl", "--out", str(folder / "fit")]) == 0
+    return folder
+
+
+def _stated(folder: Path) -> Path:
+    stated = dict.fromkeys(("title", "kind", "origin", "address", "licence", "recorded", "columns"), "a text")
+    (folder / "new").mkdir(parents=True)
+    (folder / "new" / "device.json").write_text(json.dumps({"stated": stated}))
+    return folder
+
+
+def test_an_entry_is_made_from_a_fit(made: Path, tmp_path: Path) -> None:
+    """Numbers come from the results; what people stated stays as it is; a second time gives the same."""
+    where, words = _stated(tmp_path / "library"), ["device", "make", "new", "--data", str(made / "data")]
+    words += ["--results", str(made / "fit"), "--library", str(where), "--pictures", str(tmp_path / "pictures")]
+    assert main(words) == 0
+    device = load_device("new", where)
+    result = json.loads((made / "fit" / "result.json").read_text())
+    assert device.stated["title"] == "a text" and device.joint and device.law == "Dahl's law"
+    assert device.measured["held_out"]["nrmse"] == result["held_out_nrmse"]
+    assert device.measured["range"]["trajectories"] == 4
+    assert device.measured["commands"][0] == result["command"]
+    assert 0 < (tmp_path / "pictures" / "new.png").stat().st_size < LARGEST_PICTURE
+
+
+def test_another_recording_or_missing_words_make_no_entry(made: Path, tmp_path: Path) -> None:
+    """Nothing is written then."""
+    where, data = _stated(tmp_path / "library"), load_recording(made / "data")
+    with pytest.raises(RecordingError, match="name that recording"):
+        make_device("new", where, made / "fit", load_recording(next((made / "data").glob("*.csv*"))))
+    with pytest.raises(JsonFileError, match="write its part 'stated' first"):
+        make_device("other", where, made / "fit", data)
+    (where / "new" / "device.json").write_text('{"stated": {"title": "a text"}}')
+    with pytest.raises(JsonFileError, match="kind"):
+        make_device("new", where, made / "fit", data)
+    assert device_names(where) == ()
