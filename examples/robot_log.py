@@ -1,4 +1,4 @@
-"""A robot's log: record an arm whose elbow rubs more than its file says, and let the log say so.
+"""A robot's log: record an arm whose lower link is heavier than its file says, and let the log say so.
 
 Run: ``python examples/robot_log.py`` (a minute). For a log of your own: ``mrwarp diagnose LOG --robot ROBOT``.
 """
@@ -28,13 +28,11 @@ ARM = """
 
 
 def main(out: Path = Path("runs/example-log"), seconds: float = 10.0) -> None:
-    """Record two motions with a hidden dry friction of 0.4 N·m, and print what the diagnosis names."""
+    """Record two motions with 0.15 kg hidden in the lower link, and print what the diagnosis names."""
     out.mkdir(parents=True, exist_ok=True)
     robot = out / "arm.xml"
     robot.write_text(ARM)
-    cfg = LogCfg(
-        robot=str(robot), motions=(("chirp", seconds), ("steps", seconds)), hide=("coulomb_friction=elbow:0.4",)
-    )
+    cfg = LogCfg(robot=str(robot), motions=(("chirp", seconds), ("steps", seconds)), hide=("link_mass=lower:0.15",))
     record(cfg, out / "log")
 
     found = diagnose_log(robot, load_log(out / "log"))

@@ -96,7 +96,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("device")
     effects = Effects.defaults(0.0).replace(torque_noise=0.02)
-    cfg = BenchCfg(trajectories=4, samples=2000, evaluation_samples=0, seed=5, effects=effects)
+    cfg = BenchCfg(trajectories=6, samples=6000, evaluation_samples=0, seed=5, effects=effects)
     save_recording(run_bench(cfg).fit, folder / "data")
     assert main(["fit", str(folder / "data"), "--law", "dahl", "--out", str(folder / "fit")]) == 0
     return folder
@@ -118,7 +118,7 @@ def test_an_entry_is_made_from_a_fit(made: Path, tmp_path: Path) -> None:
     result = json.loads((made / "fit" / "result.json").read_text())
     assert device.stated["title"] == "a text" and device.joint and device.law == "Dahl's law"
     assert device.measured["held_out"]["nrmse"] == result["held_out_nrmse"]
-    assert device.measured["range"]["trajectories"] == 4
+    assert device.measured["range"]["trajectories"] == 6
     assert device.measured["commands"][0] == result["command"]
     assert 0 < (tmp_path / "pictures" / "new.png").stat().st_size < LARGEST_PICTURE
 
