@@ -43,4 +43,4 @@ def no_model(named: str | Path) -> str:
     """What to name in place of a model file that is not there."""
     near = difflib.get_close_matches(str(named), device_names(), n=1)
     hint = f"did you mean {near[0]}? " if near else ""
-    return f"{hint}name a model.json, as 'mrwarp fit' writes it, or a device of 'mrwarp device list'"
+    return f"{hint}give the model.json that 'mrwarp fit' wrote, or a device of 'mrwarp device list'"

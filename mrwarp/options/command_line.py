@@ -62,7 +62,7 @@ INPUTS = {
 }
 """Options that name an input, and what is said where it is not there; ``policy`` is every ``policy_NAME`` too."""
 
-OUTPUTS = ("out", "rrd", "png", "runs")
+OUTPUTS = ("out", "rrd", "png", "runs", "library", "pictures")
 """Options that name what is written."""
 
 _POSITIONAL = get_args(Positional[int])[1]

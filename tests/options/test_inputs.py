@@ -43,6 +43,7 @@ MISSPELT = {
     "asset diff": "none.usda none.usda",
     "asset apply": "none.usda none.json",
     "asset export": "none.usda --out o.json",
+    "device make": "new --data none --results none",
     "log import": "none.bag",
     "log record": "--policy none.onnx",
     "robot import": "none.xml --out o.usda",
