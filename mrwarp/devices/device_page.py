@@ -26,7 +26,9 @@ joint takes devices in rad, A and N·m.
 
 A number holds in the range that was recorded. Its 95 % interval comes from the fit: `-` where the data do not give one,
 or where the number was not fitted. The error on unseen runs is the RMS of measured minus predicted torque over the
-standard deviation of the measured one, each run predicted by a fit to the others. CONTRIBUTING.md says how to add one.
+standard deviation of the measured one, each run predicted by a fit to the others; which law and which effects was
+decided with all runs in view. `also predicted` are recordings that had no part in that. CONTRIBUTING.md says how to add
+a device.
 """
 
 

@@ -14,7 +14,7 @@ from mrwarp.devices.entry import FILE, Device, stated_part
 from mrwarp.model_file import FittedOn, Model, Parameter, load_model, save_model
 from mrwarp.options.json_file import read_json_file
 from mrwarp.params import MrParams
-from mrwarp.recording.data import Recording
+from mrwarp.recording.data import Recording, quantity
 from mrwarp.recording.load import RecordingError
 from mrwarp.run_dir import plain, versions, write_text
 
@@ -27,6 +27,8 @@ SPEED = 99.0
 _OF_THE_PAPER = ("q_offset", "q_center", "D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "z_max", "T_max",
                  "K", "n", "current_max")  # fmt: skip
 """What the paper states of its device: eqs. 14, 15 and 18. It gives neither the coil's resistance nor a mass."""
+
+_OF_A_FIT = "each run, with a zero of its own, predicted by the fit to the others; the law was given, not searched"
 
 _PAPER_RANGE = {"q": (-1.0, 1.0), "speed": 10.0, "current": (0.0, 1.5), "trajectories": 0, "seconds": 0.0}
 """Section 4.1: velocities up to about 10 rad/s, displacements up to about 1 rad, 0 to 1.5 A in steps of 0.5 A."""
@@ -141,14 +143,17 @@ def _held_out(result: Mapping[str, Any]) -> dict[str, Any]:
     if held is None:
         raise ValueError("the recording has a single run: none is left to be predicted; record several")
     rmse = held * result["rmse"] / result["nrmse"]
-    return {"rmse": rmse, "nrmse": held, "how": "each run, with a zero of its own, predicted by the fit to the others"}
+    return {"rmse": rmse, "nrmse": held, "how": _OF_A_FIT}
 
 
 def _predicted(result: Mapping[str, Any]) -> list[str]:
     """Errors on recordings that took no part at all, in words."""
     found = result.get("predicted") or {}
-    if "mean" not in found:
-        return []
+    if "mean" not in found:  # as fit writes it: by model and reading, then by run
+        return [
+            f"{model}: NRMSE of {', '.join(f'{run} {100 * error:.1f} %' for run, error in errors.items())}"
+            for model, errors in found.items()
+        ]
     return [
         f"{found['source']}{f' ({reading})' if reading else ''}: mean NRMSE of {mean['trajectories']} runs "
         f"{100 * mean['extended']:.1f} %, of the baseline {100 * mean['baseline']:.1f} %"
@@ -159,9 +164,8 @@ def _predicted(result: Mapping[str, Any]) -> list[str]:
 def _unexplained(result: Mapping[str, Any]) -> str:
     """What the model leaves, in words."""
     if "held_out_nrmse" in result:
-        return (
-            f"{100 * result['held_out_nrmse']:.1f} % of the {result['units']['torque']}; its causes were not searched"
-        )
+        what = quantity("torque", result["units"])
+        return f"{100 * result['held_out_nrmse']:.1f} % of the {what}, of runs left out; causes were not searched"
     account, found = result["account"], result["unexplained"]
     shares = {name: f"{100 * account[name]['share']:.1f} %" for name in ("named", "repeatable", "not_repeatable")}
     parts = [

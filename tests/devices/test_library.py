@@ -98,7 +98,21 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     effects = Effects.defaults(0.0).replace(torque_noise=0.02)
     cfg = BenchCfg(trajectories=6, samples=6000, evaluation_samples=0, seed=5, effects=effects)
     save_recording(run_bench(cfg).fit, folder / "data")
-    assert main(["fit", str(folder / "data"), "--law", "dahl", "--out", str(folder / "fit")]) == 0
+    assert (
+        main(
+            [
+                "fit",
+                str(folder / "data"),
+                "--law",
+                "dahl",
+                "--predict",
+                str(folder / "data"),
+                "--out",
+                str(folder / "fit"),
+            ]
+        )
+        == 0
+    )
     return folder
 
 
@@ -119,6 +133,9 @@ def test_an_entry_is_made_from_a_fit(made: Path, tmp_path: Path) -> None:
     assert device.stated["title"] == "a text" and device.joint and device.law == "Dahl's law"
     assert device.measured["held_out"]["nrmse"] == result["held_out_nrmse"]
     assert device.measured["range"]["trajectories"] == 6
+    (said,) = device.measured["predicted"]
+    assert all(run in said for run in result["predicted"]["Dahl's law"])
+    assert f"{100 * result['held_out_nrmse']:.1f} % of the torque, " in device.measured["unexplained"]
     assert device.measured["commands"][0] == result["command"]
     assert 0 < (tmp_path / "pictures" / "new.png").stat().st_size < LARGEST_PICTURE
 
