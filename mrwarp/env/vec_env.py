@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -218,16 +219,22 @@ class WalkEnv(VecEnv):
         self.nan_guard.forget()
         self.last_observations = self.get_observations()
 
-    def copy_envs(self, source: torch.Tensor) -> None:
+    def copy_envs(self, source: torch.Tensor, state: Mapping[str, torch.Tensor] | None = None) -> None:
         """Make every environment a bit-equal copy of another: environment e continues as ``source[e]``, shape (E,).
 
         Their currents I_e and what randomisation gave them stay their own.
+
+        Args:
+            source: Number of the environment that each continues as.
+            state: :meth:`state` of other environments of the same task, of any number, to copy from.
         """
-        state = self.state()
-        kept = {f"actuator/{name}" for name in PROPERTIES}
-        kept |= {name for name, spec, _ in self.arrays.saved(terrain=True) if spec.own or spec.shape[0] != "E"}
-        copied = {name: v[source] for name, v in state.items() if name not in kept and len(v) == self.num_envs}
-        self.load_state(state | copied)
+        own, saved = self.state(), list(self.arrays.saved(terrain=True))
+        state = own if state is None else state
+        kept = {*(f"actuator/{name}" for name in PROPERTIES), *(name for name, spec, _ in saved if spec.own)}
+        shared = {name for name, spec, _ in saved if spec.shape[0] != "E"}
+        shared |= {name for name, value in own.items() if len(value) != self.num_envs}
+        copied = {name: state[name] if name in shared else state[name][source] for name in own.keys() - kept}
+        self.load_state(own | copied)
 
     @property
     def episode_length_buf(self) -> torch.Tensor:

@@ -15,6 +15,7 @@ from mrwarp.nn.network_file import shipped_model
 from mrwarp.paper import ROBOTS
 from mrwarp.resources import POLICIES
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.policy_file import read_policy
 from mrwarp.study.plan import (
     AWARE,
     ENERGY,
@@ -127,6 +128,22 @@ class Settings:
     def policy_seeds(self) -> int:
         """Policies per robot."""
         return len(self.policies[ROBOTS[0]])
+
+
+def trained_gains(paths: Sequence[Path]) -> tuple[float, float] | None:
+    """Kp [N·m/rad] and Kd [N·m·s/rad] that some policies were trained with; None for the asset's.
+
+    Raises:
+        ValueError: they were trained with different gains.
+    """
+    found = {tuple((read_policy(path)[1].get("task") or {}).get("gains") or ()) for path in paths}
+    if len(found) > 1:
+        raise ValueError(
+            f"policies: {', '.join(path.name for path in paths)} were trained with different gains; name policies of "
+            "one training"
+        )
+    gains = found.pop()
+    return (float(gains[0]), float(gains[1])) if gains else None
 
 
 class Ensemble:

@@ -47,7 +47,7 @@ class Variant:
     current: float
     """Current I_e [A]."""
     params: dict[str, float] = field(default_factory=dict)
-    """MR parameters that differ from the asset, e.g. ``{"eps_e": 0.09}``."""
+    """MR parameters that differ from the asset from the impact's onset on, e.g. ``{"eps_e": 0.09}``."""
     duration: float | None = None
     """Duration of the push [s]; None takes the sweep's."""
 
@@ -201,27 +201,31 @@ class ImpactSweep:
         self.currents = self.env.current_e.clone()
         self.forces = np.tile(cfg.force, (self.env.num_envs, 1))
         self._command = torch.tensor([cfg.speed, 0.0, 0.0], device=self.env.device)
-        for i, variant in enumerate(cfg.variants):
-            rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
-            for name, value in variant.params.items():
-                self.env.view(self.env.actuator.param(name))[rows] = value
+        names = dict.fromkeys(name for variant in cfg.variants for name in variant.params)
+        self._params = {name: self.env.view(self.env.actuator.param(name)).clone() for name in names}
         self.watchers: list[Callable[[float], None]] = []
         self._time = 0.0
         self._walked_in: dict[str, torch.Tensor] | None = None
 
     def run(self, *, again: bool = False) -> ImpactTrace:
-        """Walk in, hit, and record; ``again``: begin with the robots that the last push met, which walk in but once."""
+        """Walk in, hit, and record; ``again``: begin with robots that walked in before, here or by :meth:`begin_with`.
+
+        Until the onset every robot has the asset's device without current, so that all copies of a trial are equal.
+        """
         cfg, env, mass = self.cfg, self.env, self.mass
         env.substep_hooks.clear()
         if self.watchers:
             env.substep_hooks.append(self._tell)
         if again and self._walked_in is not None:
+            self._set(current=False)
             env.load_state(self._walked_in)
-            obs = env.get_observations()
         else:
-            obs = self._walk_in()
-            self._walked_in = env.state() if mass is None else None
-        env.current_e.copy_(self.currents)
+            self.walk_in()
+        obs = env.get_observations()
+        if mass is not None:
+            self._fall_until_contact(mass, obs)
+            obs = env.get_observations()
+        self._set(current=True)
         env.actuator.ledger.zero_()
         self._time = 0.0
         recorder = _Recorder(env)
@@ -238,13 +242,43 @@ class ImpactSweep:
             env.sim.push(env.layout.trunk, np.zeros((env.num_envs, 3)))
         return recorder.trace(contact, len(cfg.variants))
 
-    def _walk_in(self) -> TensorDict:
-        """Copies of the same robots just before they are hit, without current until then; returns what they observe."""
+    def begin_with(self, other: ImpactSweep) -> None:
+        """Let ``run(again=True)`` begin with the robots that another sweep of the same trials walked in.
+
+        The other may have a single setting, so that every trial walks in once. Its bits differ from those of an own
+        walk by the rounding of a policy on a smaller batch.
+
+        Raises:
+            ValueError: the other sweep has not walked in, or has other trials.
+        """
+        walked, trials = other._walked_in, self.cfg.trials
+        if walked is None or other.cfg.trials != trials:
+            raise ValueError(f"begin_with: the other sweep must have walked in with {trials} trials")
+        source = torch.arange(self.env.num_envs, device=self.env.device) % trials
+        self.env.copy_envs(source, walked)
+        self._walked_in = self.env.state()
+
+    def _set(self, *, current: bool) -> None:
+        """Give the robots their settings of the device; or the asset's without current, and hold the mass."""
+        cfg, env = self.cfg, self.env
+        if self.mass is not None and not current:
+            self.mass.hold()
+        if current:
+            env.current_e.copy_(self.currents)
+        else:
+            env.current_e.zero_()
+        for name, before in self._params.items():
+            values = env.view(env.actuator.param(name))
+            values.copy_(before)
+            for i, variant in enumerate(cfg.variants):
+                if current and name in variant.params:
+                    values[i * cfg.trials : (i + 1) * cfg.trials] = variant.params[name]
+
+    def walk_in(self) -> None:
+        """Copies of the same robots just before they are hit, or before the mass is released over them."""
         cfg, env, mass = self.cfg, self.env, self.mass
+        self._set(current=False)
         env.restart()
-        if mass is not None:
-            mass.hold()
-        env.current_e.zero_()
         source = torch.arange(env.num_envs, device=env.device) % cfg.trials
         if cfg.phases is not None:
             low, high = cfg.phases
@@ -254,11 +288,8 @@ class ImpactSweep:
         env.copy_envs(source)
         env.set_command(self._command)
         self._time = -cfg.warmup
-        obs = self._walk(env.get_observations(), cfg.warmup)
-        if mass is not None:
-            self._fall_until_contact(mass, obs)
-            obs = env.get_observations()
-        return obs
+        self._walk(env.get_observations(), cfg.warmup)
+        self._walked_in = env.state()
 
     @property
     def fall_time(self) -> float:

@@ -180,13 +180,36 @@ def test_paired_change_interval_covers_the_truth() -> None:
 
 
 def test_variant_parameters_reach_their_own_trials(policy: OnnxPolicy) -> None:
-    """A setting's threshold stands in its rows of the actuator's parameters and nowhere else."""
-    sweep = ImpactSweep(make_cfg(variants=(Variant(current=1.0), Variant(current=1.0, params={"eps_v": 0.3}))), policy)
+    """From the onset on a setting's threshold stands in its rows of the actuator's parameters and nowhere else."""
+    variants = (Variant(current=1.0), Variant(current=1.0, params={"eps_v": 0.3}))
+    sweep = ImpactSweep(make_cfg(variants=variants, warmup=0.1), policy)
+    np.testing.assert_allclose(sweep.env.actuator.param("eps_v").numpy(), 0.2)
+    sweep.run()
     eps_v = sweep.env.actuator.param("eps_v").numpy()
     np.testing.assert_allclose(eps_v[:2], 0.2)
     np.testing.assert_allclose(eps_v[2:], 0.3)
     with pytest.raises(ParameterError, match="allowed: 0 to 100"):
         make_cfg(variants=(Variant(current=1.0, params={"eps_v": -0.3}),))
+
+
+def test_a_device_that_differs_walks_in_like_the_others(policy: OnnxPolicy) -> None:
+    """Without drag from the onset on, a copy without current begins where the others do, and moves differently."""
+    free = {"D": 0.0, "B": 0.0, "C": 0.0, "K0": 0.0}
+    trace = ImpactSweep(make_cfg(variants=(Variant(current=0.0), Variant(current=0.0, params=free))), policy).run()
+    np.testing.assert_allclose(trace.q[0, :, 0], trace.q[1, :, 0], atol=7e-3)
+    assert (trace.q[0] != trace.q[1]).any()
+
+
+def test_trials_walk_in_once_for_several_sweeps(policy: OnnxPolicy) -> None:
+    """A sweep that begins with another's robots goes on as that one does, to the rounding of a smaller batch."""
+    for kind in ImpactKind:
+        cfg = make_cfg(kind=kind, warmup=0.4)
+        walker, sweep = ImpactSweep(replace(cfg, variants=cfg.variants[:1]), policy), ImpactSweep(cfg, policy)
+        with pytest.raises(ValueError, match="walked in with 2 trials"):
+            sweep.begin_with(walker)
+        alone = walker.run()
+        sweep.begin_with(walker)
+        np.testing.assert_allclose(sweep.run(again=True).height[0], alone.height[0], atol=1e-5)
 
 
 def test_threshold_variants_cover_the_papers_values() -> None:
