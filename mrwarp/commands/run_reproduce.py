@@ -29,7 +29,7 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
         "Tables and figures of the paper with our row beside each, as report.html and report.md.\n\n"
         + "\n".join(f"- {name}: {title}" for name, title in TITLES.items())
         + "\n\nOnly what changed since the last run into the same folder is made again. 'mrwarp reproduce fig4 "
-        "--train' and 'table4 --train' train its models and policies anew and have options of their own."
+        "--train' trains its models again and has options of its own."
     )
 
     part: Positional[Annotated[tuple[str, ...], opt.some(str, "PART", (*TITLES, "all"))]]
@@ -45,11 +45,9 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
     policy_mr_go_sal: Policies = None
     """of mr_go_sal's walks alone"""
     policy_impacted: Policies = None
-    """of pushes and falling masses alone, trained with the public gains (default: public_gains of the studies)"""
+    """of pushes and falling masses alone, all trained with the same gains (default: public_gains of the studies)"""
     policy_aware: Policies = None
-    """of those with the asset's gains, and of walks without a price on power (default: the aware ones of table 2)"""
-    policy_pushed: Policies = None
-    """of pushes with policies that know them (default: those trained with table 4's gains)"""
+    """of walks without a price on power (default: the aware ones of table 2)"""
     policy_sticking: Policies = None
     """of MR_Go-SAL's walks on devices that stick (default: those trained with them)"""
     rollouts: opt.Count = 3
@@ -107,7 +105,7 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
 
         return Settings(
             **self.chosen("rollouts", "impacts", "distance", "window", "seed", "threads"),
-            **{name: own(name) or getattr(default, name) for name in ("impacted", "aware", "pushed", "sticking")},
+            **{name: own(name) or getattr(default, name) for name in ("impacted", "aware", "sticking")},
             policies={robot: own(robot) or default.policies[robot] for robot in ROBOTS},
             high={robot: every or default.high[robot] for robot in ROBOTS},
         )
@@ -170,35 +168,6 @@ class TrainFigure4(Options):
         for name, holds in result["verdicts"].items():
             print(f"{name:34s} {'holds' if holds else 'MISSED'}")
         return 0 if all(result["verdicts"].values()) else 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainTable4(Options):
-    """Train policies on table 4's gains under its pushes; 'mrwarp reproduce table4' pushes with them."""
-
-    out: opt.Folder
-    """output folder; a policy that lies there is kept"""
-    seeds: opt.Seeds = (0, 1, 2)
-    """training seeds"""
-    iterations: opt.Count = 600
-    """PPO updates"""
-    threads: opt.Whole = 0
-    """CPU threads; 0 = all, the figures are the same"""
-
-    def run(self, line: CommandLine) -> int:
-        """0 done, 2 on bad input, 130 when stopped."""
-        check_writable(self.out)
-
-        from mrwarp.reproduce.training_results import train_pushed
-        from mrwarp.study.plan import policy_file
-
-        for seed in self.seeds:
-            if policy_file(self.out, "pushed", seed).is_file():
-                continue
-            if train_pushed(seed, self.iterations, self.out, threads=self.threads, command=str(line)) is None:
-                print("stopped; the same command trains what is not there", file=sys.stderr)
-                return 130
-        return 0
 
 
 @dataclass(frozen=True, kw_only=True)

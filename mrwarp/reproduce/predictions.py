@@ -12,7 +12,6 @@ half width is that of a 90 % interval by Student's t over training seeds, of whi
   * 5 kg on the back: a line in the load through 0 and 3 kg (the trainings ended at 3.5 kg).
   * A gait of 2 Hz: by similarity the angles at 2 Hz and a speed v are those at 1.5 Hz and 3/4 v, 4/3 times as fast, so
     that eps_hold counts as 3/4 of it; the support branch's row of 0.15 rad/s, as a line in the speed.
-  * Another force of the push of table 4: drop and peak speed in proportion, as of any linear spring and damper.
   * A lighter falling mass: the speed after a plastic impact, m/(m + M) of its own.
 """
 
@@ -33,11 +32,11 @@ from mrwarp.energy.model_numbers import calibrate
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.options.json_file import read_json_file
-from mrwarp.reproduce import impacts, walks
+from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.claims import CELLS, DROPPED, PUSHED, TRAINED, Results, change
+from mrwarp.reproduce.claims import CELLS, DROPPED, TRAINED, Results, change
 from mrwarp.reproduce.comparison import Findings, TextTable, over_seeds, seeds_of
-from mrwarp.reproduce.impacts import FR_RL_STANCE, OFF, PushResult, Reading
+from mrwarp.reproduce.disturbance import drop_trials
 from mrwarp.reproduce.settings import Ensemble, NotYet, ensembles
 from mrwarp.resources import POLICIES
 from mrwarp.run_dir import write_text
@@ -46,7 +45,7 @@ from mrwarp.study.plan import AWARE, CONVENTIONAL, policy_file
 from mrwarp.study.rollouts import EvaluationCfg
 from mrwarp.trials import walk_figures
 from mrwarp.trials.falling_mass import MassCfg
-from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant, body_extremes, fixed_current_env
+from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant, fixed_current_env
 from mrwarp.trials.walk_trials import WalkCfg, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT
 from mrwarp.usd.robot import GAIT_FREQUENCY, PUBLIC_GAINS
@@ -69,14 +68,12 @@ LOAD = 5.0
 PACE, PACED = 2.0, (0.4, 0.5)
 """Stride frequency [Hz], and the speeds walked with it [m/s]."""
 
-FORCES = (50.0, 80.0)
-"""Pushes on the trunk, downward [N]."""
-
 LIGHT = 5.0
 """Falling mass [kg]."""
 
-ADOPTED = Reading(kp=12.0, kd=0.6, stance="FL-RR", holding=True, soft_at_zero=True)
-"""The reading that table 4's rule had adopted when these were frozen."""
+WITHDRAWN = "push of"
+"""Beginning of the conditions that were frozen for a reading of table 4 that is no longer made: motors of Kp 12 under
+policies of Kp 20, whose intervals were as wide as half of the value. They are neither run nor counted."""
 
 METRICS = {
     "v_x_rmse": ("v_x RMSE", "m/s", 3),
@@ -86,7 +83,7 @@ METRICS = {
 """Of table 2: quantity, unit and digits."""
 
 COT, REDUCTION, HELD = ("COT", "", 2), ("reduction of COT", "%", 1), ("activation", "%", 1)
-HEIGHT, SPEED = ("minimum height", "m", 3), ("peak downward velocity", "m/s", 3)
+SPEED = ("peak downward velocity", "m/s", 3)
 CHANGE = ("change of v_x RMSE by training", "%", 1)
 
 Quantity = tuple[str, str, int]
@@ -174,15 +171,6 @@ def freeze(found: Results) -> list[Prediction]:
         for which, quantity, spread in ((0, REDUCTION, _saved), (1, HELD, _held)):
             slow, fast = (replace(spread(row, k), mean=cells[k][which]) for k in (0, 1))
             add(f"{PACE:g} Hz, {paper.condition_name(0.0, speed)}", quantity, between(slow, fast, share))
-    readings = found.parts["table4"]["tables"][1]
-    onset = float(readings["rows"][1][readings["head"].index("onset [m]")])
-    for force in FORCES:
-        share = force / paper.PUSH_FORCE
-        for amps in (0.0, 1.5):
-            condition, measured = f"push of {force:g} N, {amps:g} A", PUSHED.format(f"{amps:g} A")
-            lowest = row("table4", measured, HEIGHT[0]).times(share)
-            add(condition, HEIGHT, replace(lowest, mean=onset * (1.0 - share) + lowest.mean))
-            add(condition, SPEED, row("table4", measured, SPEED[0]).times(share))
     body, heavy = paper.MASS["mr_go"], paper.IMPACTOR["mass"]
     slowed = (LIGHT / (LIGHT + body)) / (heavy / (heavy + body))
     for amps in (0.0, 1.5):
@@ -247,8 +235,8 @@ class Trials:
 def simulate(job: Job) -> Findings:
     """Walk and hit what was foretold of table 6's and table 4's policies."""
     came: dict[str, dict[str, float]] = {}
-    for k, (name, part) in enumerate((("loads and gait", _walked), ("pushes", _pushed), ("drops", _dropped))):
-        job.report(name, k / 3.0)
+    for k, (name, part) in enumerate((("loads and gait", _walked), ("drops", _dropped))):
+        job.report(name, k / 2.0)
         for (condition, quantity), value in part(job).items():
             came.setdefault(condition, {})[quantity] = value
     return job.save(Trials(came=came))
@@ -272,14 +260,15 @@ def findings(pairs: list[tuple[Prediction, float | None]]) -> Findings:
         low, high = (f"{bound:.{each.digits}f}" for bound in bounds)
         unit = f" [{each.unit}]" if each.unit else ""
         if value is None:
-            shown, verdict = "", "not run yet"
+            shown, verdict = "", "withdrawn" if each.condition.startswith(WITHDRAWN) else "not run yet"
         else:
             shown = f"{value:.{each.digits}f}" if math.isfinite(value) else "none arrived"
             verdict = "hit" if each.hit(value) else "missed"
         rows.append([each.condition, f"{each.quantity}{unit}", f"{low} to {high}", shown, verdict])
     hits = sum(each.hit(value) for each, value in run)
     most = f"{hits} of {len(run)} hit their {100.0 * LEVEL:.0f} % interval"
-    left = f", {len(pairs) - len(run)} are not run yet" if len(run) < len(pairs) else ""
+    waiting = [each for each, value in pairs if value is None and not each.condition.startswith(WITHDRAWN)]
+    left = f", {len(waiting)} are not run yet" if waiting else ""
     return Findings(
         claims={f"at least {100.0 * LEVEL:.0f} % of the frozen intervals are hit": hits >= LEVEL * len(run)},
         tables=[
@@ -350,24 +339,6 @@ def _walked(job: Job) -> Came:
     return found
 
 
-def _pushed(job: Job) -> Came:
-    """The adopted push of table 4 with other forces."""
-    settings, found = job.settings, {}
-    chosen = impacts.score(ADOPTED, settings)
-    for force in FORCES:
-        cfg = impacts.config(chosen.reading, settings, duration=chosen.duration)
-        cfg = replace(cfg, force=(0.0, 0.0, -force), seed=settings.seed + 1)
-        trace = impacts.sweep(chosen.reading, settings, lift=chosen.lift, cfg=cfg)
-        result = PushResult(
-            reading=chosen.reading, onset=trace.height[OFF, :, 0], cells=body_extremes(trace),
-            policies=len(settings.impacted),
-        )  # fmt: skip
-        for amps in (0.0, 1.5):
-            for cell, quantity in (("min_height", HEIGHT), ("peak_down_velocity", SPEED)):
-                found[f"push of {force:g} N, {amps:g} A", quantity[0]] = float(result.row(cell, amps).mean())
-    return found
-
-
 def _dropped(job: Job) -> Came:
     """The falling mass of table 4's hardware, lighter."""
     settings, currents = job.settings, (0.0, 1.5)
@@ -378,10 +349,10 @@ def _dropped(job: Job) -> Came:
         gains=PUBLIC_GAINS,
         mass=MassCfg(mass=LIGHT),
         env=fixed_current_env(z_step=ZStep.EULER, threads=settings.threads),
-        phases=FR_RL_STANCE,
+        phases=drop_trials.PHASES,
         seed=settings.seed + 1,
     )
-    values = impacts.measured(ImpactSweep(cfg, Ensemble(settings.impacted)).run())["peak_down_velocity"]
+    values = drop_trials.measured(ImpactSweep(cfg, Ensemble(settings.impacted)).run())["peak_down_velocity"]
     seeds = seeds_of(np.arange(cfg.trials), len(settings.impacted))
     return {
         (f"drop of {LIGHT:g} kg, {amps:g} A", SPEED[0]): over_seeds(values[k], seeds)["ours"]

@@ -8,22 +8,20 @@ from mrwarp.nn.models import SAMPLES
 from mrwarp.reproduce import (
     electrical,
     fig4,
-    impact_results,
-    impacts,
     missions,
     predictions,
     support,
-    table4,
     training_results,
     walk_results,
     walks,
 )
 from mrwarp.reproduce.cache import Experiment
+from mrwarp.reproduce.disturbance import drop_entries, drop_trials, push_entries, push_rule, table4
 from mrwarp.reproduce.settings import Settings, networks, study_files
 from mrwarp.study.plan import AWARE, BRAKE, CONVENTIONAL, MODELS, record_file
 from mrwarp.study.rollouts import PLANT
 
-IMPACTS = ("impacted", "aware", "pushed", "impacts", "seed")
+IMPACTS = ("impacted", "impacts", "seed")
 WALKS = ("policies", "aware", "sticking", "high", "rollouts", "distance", "seed")
 WINDOWS = ("policies", "rollouts", "window", "seed")
 TRAININGS = (CONVENTIONAL, AWARE)
@@ -65,29 +63,29 @@ _ALL = (
     ),
     Experiment(
         name="pushes",
-        compute=impacts.simulate_pushes,
+        compute=push_rule.simulate,
         settings=IMPACTS,
-        files=lambda: networks(impacts.TORQUES),
-        seconds=_impacts(150.0),
+        files=lambda: networks((AWARE,)),
+        seconds=_impacts(30.0),
     ),
-    Experiment(name="drops", compute=impacts.simulate_drops, settings=IMPACTS, seconds=_impacts(5.0)),
+    Experiment(
+        name="drops",
+        compute=drop_trials.simulate,
+        settings=IMPACTS,
+        files=lambda: study_files(TRAININGS),
+        seconds=_impacts(40.0),
+    ),
     Experiment(name="table4", compute=table4.compute, needs=("pushes", "drops")),
     Experiment(
         name="sensitivity",
-        compute=impact_results.sensitivity,
+        compute=push_entries.sensitivity,
         needs=("pushes",),
         settings=IMPACTS,
-        seconds=_impacts(6.0),
+        seconds=_impacts(20.0),
     ),
-    Experiment(name="fig6", compute=impact_results.fig6, needs=("pushes",)),
-    Experiment(name="fig7", compute=impact_results.fig7, needs=("drops",)),
-    Experiment(
-        name="table5",
-        compute=impact_results.table5,
-        settings=("impacts", "seed"),
-        files=lambda: study_files(TRAININGS),
-        seconds=_impacts(3.0),
-    ),
+    Experiment(name="fig6", compute=push_entries.fig6, needs=("pushes",)),
+    Experiment(name="fig7", compute=drop_entries.fig7, needs=("drops",)),
+    Experiment(name="table5", compute=drop_entries.table5, needs=("drops",)),
     Experiment(name="walks", compute=walks.simulate, settings=WALKS, seconds=_walks(360.0, "distance", 30.0)),
     Experiment(name="table6", compute=walk_results.table6, needs=("walks",)),
     Experiment(name="table7", compute=walk_results.table7, needs=("walks",)),

@@ -13,7 +13,6 @@ from mrwarp.enums import Coupling
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.paper import ROBOTS
-from mrwarp.resources import POLICIES
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.policy_file import read_policy
 from mrwarp.study.plan import (
@@ -28,12 +27,6 @@ from mrwarp.study.plan import (
     plant_of,
     policy_file,
 )
-
-PUSHED = POLICIES / "pushed"
-"""Policies that were trained with :data:`PUSHED_GAINS` under pushes, see :func:`training_results.train_pushed`."""
-
-PUSHED_GAINS = (12.0, 0.6)
-"""Kp [N·m/rad] and Kd [N·m·s/rad] of the reading of table 4 that the rule adopted."""
 
 PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
 """Torque models as the paper writes them."""
@@ -60,12 +53,10 @@ class Settings:
     """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike, MR_Go-SAL's
     with the paper's explicit torque."""
     impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC))
-    """Policies of MR_Go-SAL under pushes and falling masses, trained with the public gains."""
+    """Policies of MR_Go-SAL under pushes and falling masses, one per training seed, with the gains of their
+    training."""
     aware: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, AWARE))
-    """Policies under pushes and falling masses with the asset's gains, and of walks without a price on power: the
-    actuator-aware ones of table 2."""
-    pushed: tuple[Path, ...] = field(default_factory=lambda: _of(PUSHED, "pushed"))
-    """Policies under pushes that were trained with :data:`PUSHED_GAINS` and such pushes."""
+    """Policies of walks without a price on power: the actuator-aware ones of table 2."""
     sticking: tuple[Path, ...] = field(default_factory=lambda: _of(ENERGY, plant_of("mr_go_sal", Coupling.CONSTRAINT)))
     """Policies of MR_Go-SAL's walks on devices that stick (the constraint coupling), trained with them; at most as many
     as of the robots. MR_Go walks beside them with its first ones."""
@@ -99,10 +90,9 @@ class Settings:
         numbers = {len(self.high.get(robot, ())) for robot in ROBOTS}
         if len(numbers) > 1 or 0 in numbers:
             raise ValueError("high: name the same number of policies, at least one, for every robot")
-        struck = (self.impacted, self.aware, self.pushed)
-        if not self.impacted or len(set(map(len, struck))) > 1:
-            count = ", ".join(str(len(paths)) for paths in struck)
-            raise ValueError(f"impacted, aware and pushed need the same number of policies, at least one; got {count}")
+        for name in ("impacted", "aware"):
+            if not getattr(self, name):
+                raise ValueError(f"{name}: name at least one policy (--policy-{name})")
         for name, paths in self._named().items():
             if len(set(paths)) < len(paths):
                 raise ValueError(f"{name}: name each policy once; one that counts as two training seeds has no spread")
@@ -113,12 +103,7 @@ class Settings:
         """All policies, by what they are called in a refusal."""
         robots = {f"policies of {robot}": paths for robot, paths in self.policies.items()}
         high = {f"high, {robot}": paths for robot, paths in self.high.items()}
-        struck = {"impacted": self.impacted, "aware": self.aware, "pushed": self.pushed}
-        return {**robots, **high, "sticking": self.sticking, **struck}
-
-    def struck(self, gains: tuple[float, float] | None) -> tuple[Path, ...]:
-        """Policies for pushes and falling masses on robots with these gains; None is the asset's."""
-        return self.aware if gains is None else self.impacted
+        return {**robots, **high, "sticking": self.sticking, "impacted": self.impacted, "aware": self.aware}
 
     def files(self) -> tuple[Path, ...]:
         """Every policy that is named, each once."""

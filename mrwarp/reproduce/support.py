@@ -15,13 +15,12 @@ from mrwarp.energy.power import ElectricalCfg
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.reproduce import impacts, walks
+from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, TextTable, compare, over_seeds
 from mrwarp.reproduce.settings import Ensemble
 from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
-from mrwarp.usd.robot import CURRENT_GROUPS
 
 FASTER = (0.5, 0.6, 0.7, 0.8, 1.0)
 """Commanded speeds [m/s] of the search for the fastest."""
@@ -55,13 +54,8 @@ CHOICES = (
     *(Choice(name=f"Kp_low {v:g} N·m/rad", params=(("kp_low", v),)) for v in (0.0, 2.5, 10.0, 20.0)),
     *(Choice(name=f"fixed support current, {amps:g} A", fixed=amps) for amps in (0.5, 1.0, 1.5)),
     Choice(name="coil lag of 0.02 s", params=(("coil_time_constant", 0.02),)),
-    Choice(
-        name="damping as table 4's rows require",
-        params=tuple(impacts.device_variant("required", CURRENT_GROUPS[-1]).params.items()),
-    ),
 )
-"""What is walked. A fixed current bounds the damping's too; the last has at 1.5 A the sliding torque that
-:func:`paper_checks.required_torque` derives, in proportion below."""
+"""What is walked. A fixed current bounds the damping's too."""
 
 
 def compute(job: Job) -> Findings:

@@ -1,30 +1,20 @@
-"""Tables 2 and 3 and figure 5: what training with the device in the loop changes, and which torque model it needs.
-
-:func:`train_pushed` trains the policies that know table 4's push.
-"""
+"""Tables 2 and 3 and figure 5: what training with the device in the loop changes, and which torque model it needs."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
-
-import numpy as np
 
 from mrwarp import paper
 from mrwarp.enums import Coupling
-from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import BRAKE, Comparison, Findings, TextTable, compare
-from mrwarp.reproduce.settings import PLANT_TITLES, PUSHED_GAINS
-from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.run_dir import write_bytes
+from mrwarp.reproduce.settings import PLANT_TITLES
 from mrwarp.runtime import drawing
 from mrwarp.study import matched_training, paper_tables
 from mrwarp.study.paper_tables import LEAST, Change, PolicyRow, Table2, Table3
-from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PUBLIC, STUDY, name, plant_cfg, policy_file, start_file
+from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS
 from mrwarp.study.plan import BRAKE as BRAKE_POLICIES
 from mrwarp.study.rollouts import EvaluationCfg
 
@@ -40,9 +30,6 @@ METRICS = {
 
 PARTNER = {"A": "C", "B": "D", "C": "A", "D": "B"}
 """Of table 2's configurations: the one with the other training."""
-
-PUSHED_SECONDS, PUSHED_EVERY = 0.4, 4.0
-"""Duration of a push in the training of table 4's policies, that of the adopted reading, and mean time between [s]."""
 
 LEVEL = 0.05
 """Holm-corrected p-value below which two models are told apart."""
@@ -199,58 +186,3 @@ def _why_model(table: Table3, metric: str) -> str:
         "Rewards, gains and training length are not the paper's; over the four models ours spans "
         f"{min(means):.4f} to {max(means):.4f}, the paper's {min(theirs):.4f} to {max(theirs):.4f}."
     )
-
-
-class Pushes:
-    """Pushes every robot downward with the paper's force at random times; called after every policy step.
-
-    Args:
-        env: The robots.
-        seed: Of the times.
-    """
-
-    def __init__(self, env: WalkEnv, seed: int) -> None:
-        self._env, self._random = env, np.random.default_rng(seed)
-        self._left = np.zeros(env.num_envs)
-
-    def __call__(self) -> None:
-        """Begin and end pushes."""
-        dt = self._env.cfg.step_dt
-        began = (self._left <= 0.0) & (self._random.random(len(self._left)) < dt / PUSHED_EVERY)
-        self._left = np.where(began, PUSHED_SECONDS, np.maximum(self._left - dt, 0.0))
-        force = np.zeros((len(self._left), 3))
-        force[self._left > 0.5 * dt, 2] = -paper.PUSH_FORCE
-        self._env.sim.push(self._env.layout.trunk, force)
-
-
-def train_pushed(seed: int, iterations: int, out: Path, *, threads: int = 0, command: str = "") -> Path | None:
-    """Train one policy on table 4's gains under its pushes, beginning with that of the public gains.
-
-    Args:
-        seed: Training seed; the policy that it begins with has the same.
-        iterations: PPO updates.
-        out: Folder of policies; the run lies in a folder below it.
-        threads: CPU threads; 0 = all.
-        command: Command line, for the record.
-
-    Returns:
-        The policy, None where Ctrl-C stopped the training; the times of pushes are no part of a checkpoint, so that it
-        begins anew.
-    """
-    cfg = TrainCfg(
-        env=replace(plant_cfg(PUBLIC, threads=threads), gains=PUSHED_GAINS),
-        out=out / name("run", seed),
-        seed=seed,
-        iterations=iterations,
-        until_gate=False,
-        check_every=float("inf"),
-        command=command,
-    )
-    begins = os.path.relpath(start_file(STUDY, PUBLIC, seed))  # the policy's metadata tells it
-    trainer = Trainer(cfg, start_from=Path(begins))
-    trainer.watchers.append(Pushes(trainer.env, seed))
-    if trainer.run()["stopped"] == "interrupted":
-        return None
-    policy = policy_file(out, "pushed", seed)
-    write_bytes(policy, (cfg.out / "policy.onnx").read_bytes())
-    return policy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -20,6 +21,10 @@ JOINTS = ("mass_x", "mass_y", "mass_z")
 
 PLATE = "mass_plate"
 """What the mass meets on another robot than the shipped one."""
+
+PAD, PAD_MASS, PAD_DAMPING = "mass_pad", 0.1, 0.1
+"""Name, mass [kg] and damping ratio of the pad of a compliant contact: light against 10 kg; rubber and soft foam have a
+loss factor of about 0.2."""
 
 PARKED = 5.0
 """Height at which the mass waits [m]."""
@@ -40,6 +45,9 @@ class MassCfg:
     """Speed at contact [m/s], paper section 6.3; less than free fall, so the guide brakes."""
     travel: float = 0.05
     """Further travel after contact until the stop [m], paper section 6.3."""
+    stiffness: float | None = None
+    """Of a light pad below the mass [N/m]; None: the mass meets the trunk as the engine's rigid bodies meet. The paper
+    says nothing of the contact, see :func:`contact_stiffness`."""
 
     @property
     def guide_friction(self) -> float:
@@ -55,7 +63,13 @@ class MassCfg:
             drop=self.drop * by.length,
             contact_speed=self.contact_speed * by.speed,
             travel=self.travel * by.length,
+            stiffness=None if self.stiffness is None else self.stiffness * by.mass / by.time**2,
         )
+
+
+def contact_stiffness(mass: float, body: float, seconds: float) -> float:
+    """Stiffness [N/m] on which two free masses [kg] part again after some seconds, half a period: ``mu (pi/T)^2``."""
+    return mass * body / (mass + body) * (math.pi / seconds) ** 2
 
 
 def add_mass(cfg: MassCfg, layout: Layout = MR_GO) -> Edit:
@@ -74,6 +88,17 @@ def add_mass(cfg: MassCfg, layout: Layout = MR_GO) -> Edit:
             name="mass_geom", type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE] * 3, mass=cfg.mass,
             contype=0, conaffinity=0,
         )  # fmt: skip
+        meets = "mass_geom"
+        if cfg.stiffness is not None:
+            pad, meets = body.add_body(name=PAD), f"{PAD}_geom"
+            pad.add_joint(
+                name=PAD, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0], stiffness=cfg.stiffness,
+                damping=2.0 * PAD_DAMPING * math.sqrt(cfg.stiffness * cfg.mass),
+            )  # fmt: skip
+            pad.add_geom(
+                name=meets, type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE, HALF_SIZE, 0.01], mass=PAD_MASS,
+                pos=[0.0, 0.0, 0.01 - HALF_SIZE], contype=0, conaffinity=0,
+            )  # fmt: skip
         # it meets the trunk and nothing else
         target = next((geom.name for geom in spec.geoms if layout == MR_GO and "/trunk_shape" in geom.name), PLATE)
         if target == PLATE:
@@ -83,7 +108,7 @@ def add_mass(cfg: MassCfg, layout: Layout = MR_GO) -> Edit:
                 name=PLATE, type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE, HALF_SIZE, 0.005], mass=0.0,
                 pos=[0.0, 0.0, top], contype=0, conaffinity=0,
             )  # fmt: skip
-        spec.add_pair(name="mass_on_trunk", geomname1="mass_geom", geomname2=target)
+        spec.add_pair(name="mass_on_trunk", geomname1=meets, geomname2=target)
 
     return edit
 
@@ -110,6 +135,8 @@ class FallingMass:
         model = env.sim.scene.model
         names = [model.joint(i).name for i in range(model.njnt)]
         self._joints = [named(names, name, "joint") for name in JOINTS]
+        pad = [names.index(name) for name in names if name.endswith(PAD)]
+        self._pad = torch.as_tensor(model.jnt_qposadr[pad]).long(), torch.as_tensor(model.jnt_dofadr[pad]).long()
         self._q = torch.as_tensor(model.jnt_qposadr[self._joints]).long()
         self._v = torch.as_tensor(model.jnt_dofadr[self._joints]).long()
         backend = env.sim.backend
@@ -130,6 +157,8 @@ class FallingMass:
         self._friction[:, self._v] = 1e4
         self._qpos[:, self._q] = 0.0
         self._qvel[:, self._v] = 0.0
+        self._qpos[:, self._pad[0]] = 0.0
+        self._qvel[:, self._pad[1]] = 0.0
         self._range[:, self._joints[2], 0] = -PARKED
         self._range[:, self._joints[2], 1] = PARKED
 

@@ -13,7 +13,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.nn import network_file
 from mrwarp.options.command_line import parse
 from mrwarp.options.command_table import COMMANDS, Command
-from mrwarp.reproduce import impacts
+from mrwarp.reproduce.disturbance import push_rule
 from mrwarp.reproduce.settings import Settings
 from mrwarp.resources import DEFAULT_POLICY, shipped_model
 from mrwarp.rl.policy_file import read_policy
@@ -50,7 +50,9 @@ def test_the_paper_is_reproduced_with_its_own_step() -> None:
     """Studies and the report, whatever the plant; and the shipped residual network, which corrects that step."""
     for plant in (*PLANTS, PUBLIC, *PAYING):
         assert plant_cfg(plant).actuator.z_step is ZStep.EULER, plant
-    assert impacts.config(impacts.GRID[0], Settings()).env.actuator.z_step is ZStep.EULER
+    reading = push_rule.LITERAL
+    pushed = push_rule.config(reading, Settings(), (reading.variant(0.0),), 0.3)
+    assert pushed.env.actuator.z_step is ZStep.EULER
     for step in paper_tables.STEPS:
         env, _ = paper_tables._plant(step, EvaluationCfg(threads=1))
         assert env.actuator_model == "none" or env.actuator.z_step is ZStep.EULER

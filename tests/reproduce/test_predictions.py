@@ -1,6 +1,7 @@
 """Predictions are frozen once, by the stated rule, and a miss is told."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -31,11 +32,20 @@ def test_the_rule_covers_every_part_and_is_frozen_once(tmp_path: Path) -> None:
     found = Results(pages.read()["parts"])
     predictions.write(found, tmp_path)
     assert predictions.read(tmp_path) == predictions.freeze(found)
+    assert not any(each.condition.startswith(predictions.WITHDRAWN) for each in predictions.read(tmp_path))
     with pytest.raises(ValueError, match="is frozen"):
         predictions.write(found, tmp_path)
     keys = [(each.condition, each.quantity) for each in predictions.read()]
     assert len(keys) == len(set(keys)) == 36
     assert all(each.half_width > 0.0 for each in predictions.read())
+
+
+def test_what_is_no_longer_made_is_withdrawn() -> None:
+    """It neither counts nor waits."""
+    gone = replace(ONE, condition=f"{predictions.WITHDRAWN} 50 N, 0 A")
+    found = predictions.findings([(ONE, 3.4), (gone, None)])
+    assert found.tables[0].rows[1][-1] == "withdrawn"
+    assert found.tables[0].title == "Frozen before they were run: 1 of 1 hit their 90 % interval"
 
 
 def test_misses_are_told() -> None:

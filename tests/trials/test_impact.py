@@ -212,6 +212,17 @@ def test_trials_walk_in_once_for_several_sweeps(policy: OnnxPolicy) -> None:
         np.testing.assert_allclose(sweep.run(again=True).height[0], alone.height[0], atol=1e-5)
 
 
+def test_a_pad_softens_the_impact(policy: OnnxPolicy) -> None:
+    """Through a spring of 5.5 kN/m the mass still meets every robot, and decelerates the trunk by less at most."""
+    hardest = []
+    for stiffness in (None, 5500.0):
+        cfg = make_cfg(kind=ImpactKind.DROP, warmup=0.4, mass=MassCfg(stiffness=stiffness))
+        trace = ImpactSweep(cfg, policy).run()
+        assert np.isfinite(trace.contact).all()
+        hardest.append(np.abs(np.diff(trace.velocity, axis=2)).max() / 0.005)
+    assert hardest[1] < 0.7 * hardest[0]
+
+
 def test_threshold_variants_cover_the_papers_values() -> None:
     """One reference without current, then every value of every threshold, one at a time."""
     rows = threshold_variants(1.5)
