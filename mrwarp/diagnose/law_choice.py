@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, by_ratio, fit_model
+from mrwarp.diagnose.problem import Fit, Problem, by_ratio, fit_model, threshold
 from mrwarp.diagnose.screening import Candidate
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, zero_line, zeros_moved
-from mrwarp.identify.parameters import YIELDING
+from mrwarp.identify.parameters import LINEAR, SHAPE, SHAPE_PART, YIELDING, slots_of
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
 
@@ -28,6 +28,8 @@ LEAST_T = 3.0
 the few with the largest torque would count."""
 SIMPLER = 0.03
 """Share of the held-out RMSE within which a law with fewer numbers is taken instead."""
+_SINGLE = "dahl"
+"""The law that eq. 15 becomes with alpha = gamma = 0."""
 _SAMPLES = 12_000
 """Samples on which laws are compared."""
 _RUNS = 40
@@ -47,6 +49,8 @@ _GAP = 0.3
 """Share of the zeros' range from which a gap between them parts the moved ones from the others."""
 _BESIDE = "current_viscosity"
 """What published laws have besides: viscosity in a straight line over the current."""
+_INERTIA = "rotor_inertia"
+"""What bends the loops of all laws: it grows with the square of the frequency, and no law of the path does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,11 +60,14 @@ class LawChoice:
     name: str
     """Law of the baseline; ``bouc_wen`` is the paper's."""
     held_out: Mapping[str, float]
-    """NRMSE on trajectories left out in turn, each with its own zero, of every law that was tried."""
+    """NRMSE on trajectories left out in turn, each with its own zero, of every law that was tried, with an inertia if
+    the recording shows one."""
     rival: float
     """The same of eq. 14 with the effects that help it most."""
     beside: tuple[str, ...] = ()
     """These effects."""
+    simpler: bool = False
+    """Whether the law was taken as one of fewer numbers than eq. 15 that predicts as well."""
     offsets: Mapping[str, float] = field(default_factory=dict)
     """Zero of each trajectory where another law was taken and they have moved, about most of them [unit of the torque].
 
@@ -117,7 +124,7 @@ def choose_law(
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
     beside = [_BESIDE] if search.levels > 1 and _BESIDE not in problem.impossible else []
-    alone, paper, effects = _eq_14(search, base, screened, beside)
+    inertia = [c.effect for c in screened if c.effect == _INERTIA and base.total - c.total > threshold(base)]
     count, spread = float(search.weight.sum()), float(small.torque.std()) or 1.0
 
     def nrmse(found: Solution) -> float:
@@ -126,13 +133,17 @@ def choose_law(
     def error(found: Solution) -> float:
         return float(found.held_out.sum())
 
-    laws = {name: law_search(small, q_zero, name, offsets=True, effects=beside, threads=threads) for name in HYSTERESIS}
+    laws = {
+        name: law_search(small, q_zero, name, offsets=True, effects=[*beside, *inertia], threads=threads)
+        for name in HYSTERESIS
+    }
+    alone, paper, effects = _eq_14(search, base, screened, beside, inertia, laws[_SINGLE])
     held_out = {"bouc_wen": nrmse(alone)} | {name: nrmse(found) for name, found in laws.items()}
     best = min(laws, key=lambda name: held_out[name])
     near = [name for name in laws if held_out[name] < (1.0 + SIMPLER) * held_out[best]]
     best = min(near, key=lambda name: (laws[name].layout.size, held_out[name]))
     found = laws[best]
-    extra = [name for name in effects if name not in beside and name not in base.effects]
+    extra = [name for name in effects if name not in found.layout.effects and name not in base.effects]
     if extra:  # a true effect bears as much of another law's error
         layout = replace(search.layout([*found.layout.effects, *extra]), choices=paper.layout.choices)
         x = found.layout.moved(found.x, layout)
@@ -146,16 +157,24 @@ def choose_law(
     taken = clear(paper, found)
     if not taken and error(found) < error(paper):  # what stands before the shaft bends the loop of either most
         taken = clear(_behind(search, paper), _behind(search, found))
+    fewer = len(slots_of(best)) < len(SHAPE) and error(found) < (1.0 + SIMPLER) ** 2 * error(paper)
+    simpler = not taken and problem.unchanging and fewer
     found = laws[best]
-    choice = LawChoice(name=best if taken else "bouc_wen", held_out=held_out, rival=nrmse(paper), beside=effects)
-    if not taken:
+    choice = LawChoice(
+        name=best if taken or simpler else "bouc_wen",
+        held_out=held_out,
+        rival=nrmse(paper),
+        beside=effects,
+        simpler=simpler,
+    )
+    if not choice.other:
         return choice, problem, base
     if zeros_moved(found, one_zero(found, search.replay)):  # friction that differs by direction is searched as a cause
         problem, offsets = _without_zeros(problem, found, names)
         choice = replace(choice, offsets=offsets)
     log(f"the hysteresis has another shape: {choice.title}")
-    layout = problem.parameters(found.layout.effects)
-    return choice, problem, fit_model(problem, layout, found.x, tolerance=1e-4)
+    layout = problem.parameters([name for name in found.layout.effects if name not in inertia])
+    return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
 
 
 def structured(problem: Problem, base: Fit) -> bool:
@@ -176,22 +195,39 @@ def misfits(problem: Problem, fit: Fit) -> bool:
 
 
 def _eq_14(
-    search: LawSearch, base: Fit, screened: Sequence[Candidate], beside: list[str]
+    search: LawSearch,
+    base: Fit,
+    screened: Sequence[Candidate],
+    beside: list[str],
+    inertia: list[str],
+    single: Solution,
 ) -> tuple[Solution, Solution, tuple[str, ...]]:
-    """Eq. 14 alone, and with what helps it most of the best effects, by the error on trajectories left out."""
+    """Eq. 14 with an inertia if there is one, and with what helps it most of the best effects.
+
+    The error on trajectories left out counts. Each is fitted from the baseline and from ``single``, the law that eq. 15
+    contains: a baseline without the inertia may have a loop that stands for it.
+    """
     known = dict(base.parameters.choices)
-    found = []
-    alone = search.descend(search.layout(base.effects), base.x)
-    for candidate in (None, *screened[:_RIVALS]):
-        extra = [*base.effects, *beside, *([candidate.effect] if candidate else [])]
-        layout = replace(search.layout(extra), choices=known)
-        x = base.parameters.moved(base.x, layout)
-        if candidate:
-            own = layout.own(candidate.effect)
-            if len(own) == len(candidate.values):
+
+    def descend(effects: Sequence[str], candidate: Candidate | None = None) -> Solution:
+        layout = replace(search.layout([*base.effects, *effects]), choices=known)
+        starts = [base.parameters.moved(base.x, layout)]
+        if inertia:  # the baseline's loop stands for it
+            x = single.layout.moved(single.x, layout)
+            rate = float(np.log(single.layout.values(single.x)[_SINGLE]["rate"]))
+            x[SHAPE_PART] = np.clip([0.0, rate, rate], layout.low[SHAPE_PART], layout.high[SHAPE_PART])
+            x[[LINEAR.index("K0"), LINEAR.index("K1")]] *= np.exp(x[SHAPE_PART.start + 1])
+            starts.append(x)
+        for x in starts:
+            if candidate and len(own := layout.own(candidate.effect)) == len(candidate.values):
                 x[own] = candidate.values
-        found.append((search.descend(layout, x), tuple(e for e in layout.effects if e not in base.effects)))
-    return alone, *min(found, key=lambda item: float(item[0].held_out.sum()))
+        return min((search.descend(layout, x) for x in starts), key=lambda s: float(s.held_out.sum()))
+
+    found = []
+    for candidate in (None, *[c for c in screened if c.effect not in inertia][:_RIVALS]):
+        solution = descend([*beside, *inertia, *([candidate.effect] if candidate else [])], candidate)
+        found.append((solution, tuple(e for e in solution.layout.effects if e not in base.effects)))
+    return descend(inertia), *min(found, key=lambda item: float(item[0].held_out.sum()))
 
 
 def _behind(search: LawSearch, found: Solution) -> Solution:

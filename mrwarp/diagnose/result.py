@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -223,6 +224,15 @@ class Diagnosis:
     seconds: float
     seed: int
 
+    @property
+    def dry_friction(self) -> Value | None:
+        """Torque at which a law in eq. 15's place slides, where no control input changes it: Coulomb friction."""
+        none = not any(run.current.any() for run in self.recording.trajectories)
+        if self.law is None or not self.law.other or self.model is None or not none:
+            return None
+        slides = self.model.parameters["K0"]  # per unit of h, whose bound is 1
+        return Value(value=slides.value, ci95=slides.ci95 or (-math.inf, math.inf), unit=self.baseline.unit)
+
     def baseline_rmse(self, recording: Recording) -> float:
         """RMSE of the baseline on another recording of the device [its unit of torque]."""
         return self._rmse(recording, 0)
@@ -249,7 +259,7 @@ class Diagnosis:
             **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
             **{name: [asdict(row) for row in getattr(self, name)] for name in rows},
             **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
-            "law": asdict(self.law) | {"title": self.law.title, "error": self.law.error} if self.law else None,
+            "law": self._law(),
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
             "gain": gain,
@@ -257,6 +267,13 @@ class Diagnosis:
             "noise_rms": self.traces.noise_rms if self.traces else None,
             "data": _about(self.recording),
         }
+
+    def _law(self) -> dict[str, Any] | None:
+        """What was compared, and the friction of the law that was taken."""
+        if self.law is None:
+            return None
+        dry = {"coulomb_friction": asdict(self.dry_friction)} if self.dry_friction else {}
+        return asdict(self.law) | {"title": self.law.title, "error": self.law.error} | dry
 
     def write(self, out: Path, command: str, besides: Mapping[str, Any] | None = None, *, model_name: str = "") -> Path:
         """Write ``result.json`` atomically into a folder, which is made if it is not there.

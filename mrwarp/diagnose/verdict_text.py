@@ -30,6 +30,8 @@ _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
 }
 """Unit: from which size on, what factor gives what readable unit."""
 
+_TIMES = 1e3
+"""Ratio of two times from which they are no one quantity: lags are milliseconds, what warms up takes minutes."""
 _FEW_ALONG = 2
 """Most effects along one variable that are named as not explaining it."""
 _LITTLE = 0.5
@@ -88,13 +90,33 @@ def measured_alike(values: Iterable[float], unit: str) -> list[str]:
     return [f"{x * factor:.3g} {name}".strip() if math.isfinite(x) else "unknown" for x in numbers]
 
 
-def readable(value: Value, parameter: EffectParameter | None = None) -> Readable:
-    """A value, its interval and the same in the recording's unit; a gain is given as its change in per cent."""
+def largest_of(values: Iterable[Value]) -> dict[str, float]:
+    """Largest size of each unit among the numbers of a table, whose readable unit the others share."""
+    largest: dict[str, float] = {}
+    for value in values:
+        if math.isfinite(value.value):
+            largest[value.unit] = max(largest.get(value.unit, 0.0), abs(value.value))
+    return largest
+
+
+def shared_scale(value: float, unit: str, largest: Mapping[str, float] | None = None) -> tuple[float, str]:
+    """Factor and readable unit of a number in a table with these :func:`largest_of` its unit."""
+    top = (largest or {}).get(unit, abs(value))
+    return scale(value if unit == "s" and top > _TIMES * abs(value) else top, unit)
+
+
+def readable(
+    value: Value, parameter: EffectParameter | None = None, largest: Mapping[str, float] | None = None
+) -> Readable:
+    """A value, its interval and the same in the recording's unit; a gain is given as its change in per cent.
+
+    ``largest`` holds the :func:`largest_of` a table, whose numbers of one unit then share a readable one.
+    """
     low, high = value.ci95
     plain = f"{value.value:.6g} {'' if value.unit == '1' else value.unit}".strip()
     if is_gain(parameter) and value.unit == "1":
         return Readable(_signed(value.value), f"{_signed(low)} to {_signed(high)}" if low < high else "", plain)
-    factor, name = scale(value.value, value.unit)
+    factor, name = shared_scale(value.value, value.unit, largest)
     half = 0.5 * (high - low) * factor
     text = f"{digits(value.value * factor, half)} {name}".strip()
     interval = f"{digits(low * factor, half)} to {digits(high * factor, half)} {name}".strip() if low < high else ""
@@ -169,7 +191,12 @@ def sentence_of(d: Diagnosis) -> str:
     if d.law is not None and d.law.other:
         before, after = d.law.error
         errors = f", error {percent(before)} → {percent(after)}" if after < before else ""
-        parts.append(f"the hysteresis has another shape: {d.law.title}{errors}")
+        shape = "is a simpler one" if d.law.simpler else "has another shape"
+        parts.append(f"the hysteresis {shape}: {d.law.title}{errors}")
+        if (dry := d.dry_friction) is not None:
+            shown = readable(dry)
+            known = f" ({shown.interval})" if shown.interval else ""
+            parts[-1] += f", in which the joint slides at {shown.value}{known} of Coulomb friction"
     if d.causes:
         parts.append(
             ("beside it " if parts else "")

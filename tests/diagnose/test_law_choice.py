@@ -8,7 +8,7 @@ import pytest
 from mrwarp.diagnose.law_choice import MARGIN, LawChoice
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.recording.load import Recording
+from mrwarp.recording.load import Recording, Trajectory
 from tests.identify.test_law_fit import TRUTH, kwok_damper
 
 
@@ -54,3 +54,31 @@ def test_a_gap_parts_the_moved_zeros() -> None:
     assert apart.moved == ["b", "d"]
     even = LawChoice(name="kwok", held_out=held, rival=0.2, offsets={str(k): float(k) for k in range(8)})
     assert len(even.moved) == 8
+
+
+def _motor(inertia: float, friction: float, spikes: float) -> Recording:
+    """A motor with inertia, dry and viscous friction on sines of 0.2 and of 2 to 3 Hz, a few samples off by newtons."""
+    rng, dt, found = np.random.default_rng(12), 0.002, []
+    for k, (rate, seconds) in enumerate(((0.2, 6.0), (0.2, 6.0), (3.0, 2.0), (2.5, 2.0), (3.0, 1.0), (2.0, 1.5))):
+        t, w = np.arange(round(seconds / dt)) * dt, 2.0 * np.pi * rate
+        q, qd, qdd = 0.35 * np.sin(w * t), 0.35 * w * np.cos(w * t), -0.35 * w**2 * np.sin(w * t)
+        torque = inertia * qdd + friction * np.tanh(qd / 0.02) + 0.16 * friction * qd
+        torque += 0.1 * friction * rng.normal(size=len(t))
+        where = rng.random(len(t)) < spikes
+        torque[where] += rng.uniform(3.0, 25.0, where.sum()) * friction * rng.choice([-1.0, 1.0], where.sum())
+        found.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, current=0.0 * t, torque=torque))
+    return Recording(trajectories=tuple(found), units={"q": "rad", "current": "none", "torque": "N·m"})
+
+
+def test_an_inertia_makes_no_other_law() -> None:
+    """A motor on two frequencies: a law of many numbers stood for the inertia, whose size was hardly known then."""
+    found = diagnose(_motor(0.021, 0.7, 0.01), effects=("rotor_inertia", "coulomb_friction", "position_friction"))
+    assert found.spikes is not None and [cause.name for cause in found.causes] == ["rotor_inertia"]
+    inertia = found.causes[0].parameters["inertia"]
+    low, high = inertia.ci95
+    assert low < 0.021 < high and high - low < 0.2 * 0.021
+    assert found.law is not None and found.law.simpler and found.law.other
+    dry = found.dry_friction
+    assert dry is not None and dry.value == pytest.approx(0.7, rel=0.05) and dry.unit == "N·m"
+    assert found.to_dict()["law"]["coulomb_friction"]["value"] == dry.value and "Coulomb friction" in found.sentence
+    assert found.extended.nrmse < 0.2 and found.unexplained is None

@@ -79,6 +79,9 @@ def _truly(content: Any, units: Mapping[str, str]) -> Any:
 
 def _content(d: Diagnosis) -> dict[str, Any]:
     """Everything that the template shows, as plain text."""
+    causes = text.largest_of(v for c in d.causes for v in c.parameters.values())
+    suspects = text.largest_of(_first(x) for x in d.suspects if x.parameters)
+    sizes = text.largest_of(d.detectable.values())
     return {
         "verdict": d.verdict,
         "sentence": d.sentence.removeprefix(" ".join(text.fault_sentences(d))).strip(),
@@ -86,14 +89,14 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "source": d.recording.source.name if d.recording.source else "recording",
         "extended": d.model is not None and bool(d.causes),
         "facts": _facts(d),
-        "causes": [_cause(c) for c in d.causes],
-        "suspects": [_suspect(x) for x in d.suspects],
+        "causes": [_cause(c, causes) for c in d.causes],
+        "suspects": [_suspect(x, suspects) for x in d.suspects],
         "separates": d.next_experiment is not None and bool(d.next_experiment.separates),
         "unexplained": d.unexplained,
         "experiment": _experiment(d.next_experiment) if d.next_experiment else None,
         "gain": _gain(d),
         "shifts": [_shift(s) for s in d.parameter_shift],
-        "detectable": [_detectable(name, v) for name, v in d.detectable.items()],
+        "detectable": [_detectable(name, v, sizes) for name, v in d.detectable.items()],
         "invisible": _invisible(d),
         "cannot_know": d.cannot_know,
         "tried": [(capital(text.title(t.name)), _taken(t), t.outcome) for t in sorted(d.tried, key=lambda t: -t.gain)],
@@ -127,7 +130,7 @@ def _facts(d: Diagnosis) -> list[tuple[str, str]]:
     return facts
 
 
-def _cause(c: Cause) -> dict[str, Any]:
+def _cause(c: Cause, largest: Mapping[str, float]) -> dict[str, Any]:
     law = CATALOGUE.get(c.name)
     specs = {p.name: p for p in law.parameters} if law else {}
     return {
@@ -136,7 +139,7 @@ def _cause(c: Cause) -> dict[str, Any]:
         "kind": _KINDS[law.kind] if law else "unknown kind",
         "sentence": law.sentence if law else "",
         "equation": law.equation if law else "",
-        "parameters": (shown := [_parameter(name, v, specs.get(name)) for name, v in c.parameters.items()]),
+        "parameters": (shown := [_parameter(name, v, specs.get(name), largest) for name, v in c.parameters.items()]),
         "numbers": text.both(f"{label} {value} ({interval})" for label, value, interval, _ in shown[:_NUMBERS]),
         "gain": text.percent(c.gain),
         "chance": text.chance(c.p_value),
@@ -146,19 +149,24 @@ def _cause(c: Cause) -> dict[str, Any]:
     }
 
 
-def _parameter(name: str, value: Value, spec: EffectParameter | None) -> tuple[str, ...]:
+def _parameter(name: str, value: Value, spec: EffectParameter | None, largest: Mapping[str, float]) -> tuple[str, ...]:
     label = name.replace("_", " ")
     if spec is not None and spec.choices:
         return label, f"{value.value:g}", "", "how the data were logged; no part of the device"
-    shown = text.readable(value, spec)
+    shown = text.readable(value, spec, largest)
     interval = shown.interval or ("set, not fitted" if spec is not None and spec.preset else "none")
     return label, shown.value, interval, shown.si
 
 
-def _suspect(s: Suspect) -> tuple[str, ...]:
+def _first(s: Suspect) -> Value:
+    """The number of a suspect that says how large it is."""
+    return next(iter(s.parameters.values()))
+
+
+def _suspect(s: Suspect, largest: Mapping[str, float]) -> tuple[str, ...]:
     law = CATALOGUE.get(s.name)
     specs = {p.name: p for p in law.parameters} if law else {}
-    shown = [text.readable(v, specs.get(name)) for name, v in s.parameters.items()][:1]
+    shown = [text.readable(v, specs.get(name), largest) for name, v in s.parameters.items()][:1]
     return capital(text.title(s.name)), *((shown[0].value, shown[0].interval) if shown else ("", "")), s.reason
 
 
@@ -204,13 +212,13 @@ def _invisible(d: Diagnosis) -> list[tuple[str, str]]:
     return [(capital(", ".join(names)), capital(why)) for why, names in reasons.items()]
 
 
-def _detectable(name: str, value: Value) -> tuple[str, ...]:
+def _detectable(name: str, value: Value, largest: Mapping[str, float]) -> tuple[str, ...]:
     law = CATALOGUE.get(name)
     spec = law.parameters[0] if law else None
     if text.is_gain(spec) and value.unit == "1":
         size = abs(value.value - 1.0) if value.value > 0.5 else abs(value.value)  # as a factor, or as its change
         return capital(text.title(name)), text.percent(size, 2), f"{value.value:.4g}"
-    factor, unit = text.scale(value.value, value.unit)
+    factor, unit = text.shared_scale(value.value, value.unit, largest)
     size = f"{value.value * factor:.2g} {unit}".strip()
     plain = "" if factor == 1.0 else f"{value.value:.3g} {value.unit}"
     return capital(text.title(name)), size, plain

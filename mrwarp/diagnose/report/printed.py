@@ -20,11 +20,14 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
     found += [f"  cannot be known: {why.removesuffix(advice)}" for why in unsaid]
     found += [f"  suspect, not proven: {text.title(s.name)}: {s.reason}" for s in d.suspects]
     found = [true_names(line, d.recording.units) for line in found]
+    numbers = {f"{cause.name}.{name}": value for cause in d.causes for name, value in cause.parameters.items()}
+    if d.law is not None and d.dry_friction is not None:
+        numbers = {f"Coulomb friction ({d.law.title})": d.dry_friction, **numbers}
+    largest = text.largest_of(numbers.values())
     rows = []
-    for cause in d.causes:
-        for name, value in cause.parameters.items():
-            shown = text.readable(value)
-            rows.append((f"{cause.name}.{name}", shown.value, shown.interval))
+    for name, value in numbers.items():
+        shown = text.readable(value, largest=largest)
+        rows.append((name, shown.value, shown.interval))
     for shift in d.parameter_shift:
         low, high = shift.ci95
         rows.append((f"{shift.name} (calibration)", f"{shift.value:.5g}", f"{low:.5g} to {high:.5g}"))

@@ -9,7 +9,8 @@ import pytest
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.report.diagnosis_page import Table, render
 from mrwarp.diagnose.report.overview_pictures import NAMES
-from mrwarp.diagnose.result import Value
+from mrwarp.diagnose.report.printed import lines
+from mrwarp.diagnose.result import Cause, Value
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from tests.diagnose import made_up
 
@@ -113,6 +114,27 @@ def test_units_are_sensible(value: float, unit: str, expected: str) -> None:
     assert name == wanted_name
     assert float(number) == pytest.approx(float(wanted), rel=0.05)
     assert found.interval.endswith(name)
+
+
+def test_one_quantity_has_one_unit_in_a_table() -> None:
+    """A small torque stands in the unit of the large one, on the page and in the terminal; times far apart do not."""
+    sizes = {
+        "coulomb_friction": (0.02, "N·m"),
+        "stribeck": (3.0, "N·m"),
+        "coil_lag": (0.012, "s"),
+        "wear": (1e-5, "1/s"),
+    }
+    values = {name: Value(value=x, ci95=(0.9 * x, 1.1 * x), unit=unit) for name, (x, unit) in sizes.items()}
+    page = render(dataclasses.replace(made_up.make(), detectable=values), "c", pictures={})
+    assert "0.02 N·m" in page and "20 mN·m" not in page and "12 ms" in page
+    causes = tuple(
+        Cause(name=name, parameters={"torque": values[name]}, p_value=1e-9, alternatives=(), gain=0.3)
+        for name in ("coulomb_friction", "stribeck")
+    )
+    printed = "\n".join(lines(dataclasses.replace(made_up.make(), causes=causes), {}))
+    assert "0.0200 N·m" in printed.replace("0.020 N·m", "0.0200 N·m") and " 20.0 mN·m" not in printed
+    largest = text.largest_of([values["coil_lag"], Value(value=1200.0, ci95=(1e3, 2e3), unit="s")])
+    assert text.readable(values["coil_lag"], largest=largest).value.endswith(" ms")
 
 
 def test_a_factor_is_a_change_in_per_cent() -> None:
