@@ -5,7 +5,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
 
-.PHONY: run test test-slow test-mjlab lint format pins env release clean
+.PHONY: run test test-slow test-mjlab test-oldest lint format pins env release clean
 .DEFAULT_GOAL := test
 
 run: $(READY)
@@ -26,6 +26,16 @@ test-mjlab:
 	test -x .venv-mjlab/bin/pytest || { $(PYTHON) -m venv .venv-mjlab && .venv-mjlab/bin/python -m pip install \
 		-c <(grep -E '^(torch|safetensors)==' constraints.txt) torch mjlab==1.6.0 safetensors pytest; }
 	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest tests/integrations/test_mjlab.py
+
+# the oldest that the drive and the joint work with, which Isaac Lab 3.0.0 pins; the pins of constraints.txt are the newest
+OLDEST := newton[sim]==1.6.1 warp-lang==1.17.0 mujoco==3.12.0 mujoco-warp==3.12.0 torch==2.11.0 rsl-rl-lib==5.5.1
+HOSTS := tests/actuator/test_newton_drive.py tests/actuator/test_joint_batch.py tests/mujoco
+test-oldest:
+	test -x .venv-oldest/bin/pytest || { $(PYTHON) -m venv .venv-oldest && .venv-oldest/bin/python -m pip install \
+		-c <(grep -vE '^(torch|newton|warp-lang|mujoco|mujoco-warp|rsl-rl-lib|setuptools)==' constraints.txt) '$(subst $() ,' ',$(OLDEST))' \
+		$$(sed -n '/^dependencies/,/^\]/s/^ *"\([a-z-]*\).*/\1/p' pyproject.toml | grep -v warp) \
+		usd-core newton-usd-schemas safetensors onnx onnxruntime pytest; }
+	PYTHONPATH=. .venv-oldest/bin/python -m pytest --noconftest $(HOSTS)
 
 lint: $(READY)
 	$(PY) -m ruff check .

@@ -182,12 +182,12 @@ def plain(value: Any) -> Any:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of :data:`LIBRARIES`."""
-    return {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}}
+    return {"python": platform.python_version(), **{name: library_version(name) for name in LIBRARIES}}
 
 
 @cache
-def _version(name: str) -> str:
-    """Version of an installed library."""
+def library_version(name: str) -> str:
+    """Version of a library; ``not installed`` where it is missing."""
     try:
         return version(name)
     except PackageNotFoundError:

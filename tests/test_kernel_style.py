@@ -54,6 +54,7 @@ NEWTON_ALLOWED = (
     "mrwarp/env/backend*.py",
     "mrwarp/actuator/newton_drive.py",
     "mrwarp/usd/asset.py",
+    "mrwarp/usd/converted.py",
     "mrwarp/robots/newton_robot.py",
     "benchmarks/perf/newton_lstm.py",
 )

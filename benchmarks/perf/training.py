@@ -36,6 +36,7 @@ def measure(
     """
     env = make_walk_cfg(num_envs=num_envs, threads=threads, device=device)
     trainer = Trainer(TrainCfg(env=env, out=out, iterations=updates + 2, until_gate=False))
+    trainer.timed = True
     collect, learn = [], []
     with one_torch_thread():
         for k in range(updates + 2):

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mrwarp.actuator.effect_runtime import added_inertia
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, DeviceAlone, MrActuator, MrActuatorCfg
 from mrwarp.enums import Coupling, ZStep
-from mrwarp.model_file import Effect, Model
+from mrwarp.model_file import Model
 from mrwarp.params import MrParams
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Device:
-    """A joint that carries the device and no motor."""
-
-    mr: MrParams
-    effects: tuple[Effect, ...]
-    joint: str = "joint"
-    kp: float = 0.0
-    kd: float = 0.0
-    tau_limit: float = 0.0
 
 
 class JointBatch:
@@ -78,7 +65,7 @@ class JointBatch:
             q_des=nothing, q=self._q, qd=self._qd, f_foot=load, current_e=self._current, friction=nothing
         )
         cfg = MrActuatorCfg(coupling=Coupling.CONSTRAINT, z_step=z_step, gated=False)
-        self._actuator = MrActuator([_Device(mr=mr.alone(), effects=effects)], [-1], inputs, dt=dt, cfg=cfg)
+        self._actuator = MrActuator([DeviceAlone(mr=mr.alone(), effects=effects)], [-1], inputs, dt=dt, cfg=cfg)
         self._fresh = True
 
     def step(self, q: Any, qd: Any, current: Any, *, out: Any = None) -> Any:

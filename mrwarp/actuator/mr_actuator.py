@@ -71,6 +71,18 @@ class DrivenJoint(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
+class DeviceAlone:
+    """A :class:`DrivenJoint` that is given by its device, outside an asset."""
+
+    mr: MrParams
+    effects: Sequence[Effect] = ()
+    joint: str = "joint"
+    kp: float = 0.0
+    kd: float = 0.0
+    tau_limit: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class MrActuatorCfg:
     """Choices of the actuator model."""
 

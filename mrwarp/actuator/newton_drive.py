@@ -5,15 +5,16 @@ Python it is ``builder.add_actuator(DriveMR, index=dof, K1=12.5)``, or, with the
 model file, ``DriveMR.from_model("model.json", builder, index=dof)``. The step is the simulator's own
 (:class:`mrwarp.actuator.mr_actuator.MrActuator`). Per step::
 
-    control.mr_current       # coil current the device may use [A], shape (joint_dof_count,); yours to write
-    control.mr_foot_load     # norm of the contact force at the foot [N], shape (joint_dof_count,); yours to write
+    inputs = drive_inputs(actuator, control)  # control itself; with Newton before 1.7 the drive, see there
+    inputs.mr_current        # coil current the device may use [A], shape (joint_dof_count,); yours to write
+    inputs.mr_foot_load      # norm of the contact force at the foot [N], shape (joint_dof_count,); yours to write
     control.joint_f.zero_()
     actuator.step(state, control, now, after, dt=dt)
     apply_brake_bounds(solver, actuator, dt)   # constraint coupling only
     solver.step(...)
 
-With ``control.mr_foot_load = None`` there are no gates: a plain current-driven device whose coil command is
-``mr_current``, with the motor at ``kp_base``. (Newton allocates both arrays with zeros: no current, gates closed.)
+With ``inputs.mr_foot_load = None`` there are no gates: a plain current-driven device whose coil command is
+``mr_current``, with the motor at ``kp_base``. (Both arrays are made with zeros: no current, gates closed.)
 
 Couplings: ``explicit`` (the default here) adds the device's torque to the motor's. ``constraint`` gives the motor's
 torque only and writes ``brake_bound``, which :func:`apply_brake_bounds` hands to a ``SolverMuJoCo`` as dry friction:
@@ -25,15 +26,16 @@ afterwards.
 This is the only file that touches Newton's actuator API, which is marked experimental. After an upgrade of Newton
 check: the signature of ``DriveBase.compute`` and the name of the base class (``Controller`` until 1.8), that the USD
 parser still hands attributes over as lower-case ``mr:<name>`` and takes a callable, that ``Control`` still gets the
-``custom_inputs``, and ``SolverMuJoCo.mjc_dof_to_newton_dof``. ``tests/actuator/test_newton_drive.py`` covers each.
+``custom_inputs`` (since 1.7), and ``SolverMuJoCo.mjc_dof_to_newton_dof``. Each is covered by
+``tests/actuator/test_newton_drive.py``, which ``make test-oldest`` runs with the oldest Newton (1.6.1).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import newton
 import numpy as np
@@ -44,20 +46,32 @@ from newton.actuators import DriveNeuralLSTM as DriveNeuralLSTM  # timed beside 
 import mrwarp.usd.open_stage  # registers the USD schema; must come before the first stage is opened
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
-from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg, ZStep
-from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
+from mrwarp.actuator.mr_actuator import (
+    ActuatorInputs,
+    Coupling,
+    DeviceAlone,
+    HoldCurrent,
+    MrActuator,
+    MrActuatorCfg,
+    ZStep,
+)
 from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.kernels.mr_stages import brake_bounds_kernel, drive_gather_kernel, drive_reset_kernel, drive_torque_kernel
 from mrwarp.model_file import Effect, check_effects, load_model
-from mrwarp.nn.models import LstmState
-from mrwarp.nn.network_file import DEVICE, LearnedModel
 from mrwarp.params import MrParams, ParameterError
+
+if TYPE_CHECKING:
+    from mrwarp.actuator.residual import LearnedTorque
+    from mrwarp.nn.network_file import LearnedModel
 
 _CHOICES = {"coupling": Coupling, "hold_current": HoldCurrent, "z_step": ZStep}
 _DEFAULTS = {"coupling": Coupling.EXPLICIT, "hold_current": HoldCurrent.SUPPORT, "z_step": ZStep.EXACT}
 _BY_LOWER = {spec.name.lower(): spec.name for spec in MrParams.specs()}
 _WHERE = "DriveMR"
 _Choice = TypeVar("_Choice", Coupling, HoldCurrent, ZStep)
+
+_OWNS_INPUTS = not hasattr(DriveBase, "custom_inputs")
+"""Whether this Newton, one before 1.7, hands a drive no inputs from ``Control``: then the drive has its own arrays."""
 
 SHORTEST_STEP = 5e-4
 """Step [s] down to which a drive remembers its commands for as long as ``command_delay`` delays them."""
@@ -68,18 +82,6 @@ class EffectSet(tuple[Effect, ...]):
 
     def __hash__(self) -> int:
         return hash(str(self))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Device:
-    """A joint as :class:`MrActuator` takes it."""
-
-    effects: EffectSet
-    mr: MrParams = field(default_factory=MrParams)
-    joint: str = "joint"
-    kp: float = 0.0
-    kd: float = 0.0
-    tau_limit: float = 0.0
 
 
 class DriveMR(DriveBase):
@@ -105,6 +107,7 @@ class DriveMR(DriveBase):
 
     Attributes:
         brake_bound: Dry friction that the device may use [N·m], shape (N,), written by every step; 0 when explicit.
+        mr_current, mr_foot_load: With Newton before 1.7 alone, see :func:`drive_inputs`.
 
     Without a foot load and with the constraint coupling, the yield torque bounds the reaction below ``eps_hold`` and
     the sliding torque above it.
@@ -219,7 +222,7 @@ class DriveMR(DriveBase):
         # N environments of one joint: the simulator's own step
         self._effects = EffectSet(effects)
         self._joints = MrActuator(
-            [_Device(effects=self._effects)], [0], self._inputs, dt=SHORTEST_STEP, share_params=False
+            [DeviceAlone(mr=MrParams(), effects=self._effects)], [0], self._inputs, dt=SHORTEST_STEP, share_params=False
         )
         for name, array in params.items():
             wp.copy(self.param(name), array)
@@ -227,6 +230,10 @@ class DriveMR(DriveBase):
         self._joints.euler_rate = float(np.maximum(beta - gamma, beta + gamma).max())
         self.brake_bound: wp.array = wp.zeros(count, dtype=float, device=device)
         self._fresh = wp.zeros(count, dtype=wp.bool, device=device)
+        if _OWNS_INPUTS:
+            self.mr_current: wp.array | None = wp.zeros(count, dtype=float, device=device)
+            self.mr_foot_load: wp.array | None = wp.zeros(count, dtype=float, device=device)
+            self._own_indices = wp.array(np.arange(count), dtype=wp.uint32, device=device)
         self._learned: LearnedTorque | None = None
         self._brake: _Brake | None = None
 
@@ -250,6 +257,10 @@ class DriveMR(DriveBase):
             SamplingRateError: the model was trained at another rate than 1/dt.
             OtherDeviceError: it learned another device than one of the drive's.
         """
+        from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen  # torch and onnx: the drive does without
+        from mrwarp.nn.models import LstmState
+        from mrwarp.nn.network_file import DEVICE
+
         rows = np.unique(np.stack([self.param(name).numpy() for name in DEVICE], axis=1), axis=0)
         devices: list[dict[str, float]] = [dict(zip(DEVICE, row, strict=True)) for row in rows.tolist()]
         for device in devices:
@@ -325,11 +336,11 @@ class DriveMR(DriveBase):
         Raises:
             ValueError: there is no state, no time step or no ``mr_current``.
         """
-        inputs = custom_inputs or {}
+        inputs = {name: getattr(self, name) for name in self.custom_inputs} if _OWNS_INPUTS else custom_inputs or {}
         if not isinstance(state, DriveMR.State) or dt is None:
             raise ValueError(f"{_WHERE} needs its states and dt: actuator.step(state, control, now, after, dt=...)")
         if inputs.get("mr_current") is None:
-            raise ValueError(f"{_WHERE} needs control.mr_current: coil current [A], shape (joint_dof_count,)")
+            raise ValueError(f"{_WHERE} needs {'drive' if _OWNS_INPUTS else 'control'}.mr_current: coil current [A]")
         if self._learned is not None and state.ring is None:
             raise ValueError(f"{_WHERE}: these states have no history; make them after use_learned()")
         foot_load, x, joints = inputs.get("mr_foot_load"), self._inputs, self._joints
@@ -341,7 +352,8 @@ class DriveMR(DriveBase):
             drive_gather_kernel,
             dim=len(forces),
             inputs=[
-                *(pos_indices, vel_indices, target_pos_indices, positions, velocities, target_pos),
+                *(pos_indices, vel_indices, target_pos_indices, self._own_indices if _OWNS_INPUTS else vel_indices),
+                *(positions, velocities, target_pos),
                 *(inputs["mr_current"], foot_load),
             ],
             outputs=[x.q, x.qd, x.q_des, x.current_e, x.f_foot],
@@ -368,6 +380,15 @@ class DriveMR(DriveBase):
         next_state.fresh.zero_()
         for name, array in self._remembered().items():
             wp.copy(getattr(next_state, name), array)
+
+
+def drive_inputs(actuator: Actuator, control: newton.Control) -> Any:
+    """What holds ``mr_current`` and ``mr_foot_load`` of an actuator, to be read and written there.
+
+    That is ``control``, with arrays of shape (joint_dof_count,). Newton before 1.7 hands a drive nothing from there:
+    then it is the drive itself, with arrays of shape (N,), a number for each of its joints.
+    """
+    return actuator.drive if _OWNS_INPUTS else control
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,6 @@ class CheckAsset(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when every variant works, 2 when one does not."""
-        import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive for assets with devices
         from mrwarp.env.asset_trial import convert
         from mrwarp.usd.open_stage import ASSETS
         from mrwarp.usd.scene_report import check_asset

@@ -136,7 +136,7 @@ class ShowRobot(Options):
         if self.png is not None:
             from mrwarp.robots.standing_picture import draw
 
-            quiet_libraries(gpu=False)
+            quiet_libraries(gpu=False, networks=False)
             draw(asset, self.png)
             print(f"picture: {self.png}")
         return 0
@@ -194,12 +194,10 @@ class FitDevice(Options):
         model = load_model(self.model) if self.model else None
         layer = fit_device(self.robot, self.joint, model, **self.chosen("scale", "remove", "extrapolate"))
 
-        with uncollected():
-            import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive for the trial
-            from mrwarp.robots.write_robot import save_checked  # Newton takes seconds to load
+        from mrwarp.robots.write_robot import save_checked
 
-            quiet_libraries(gpu=False)
-            asset = save_checked(layer, self.out or self.robot)
+        quiet_libraries(gpu=False, networks=False)
+        asset = save_checked(layer, self.out or self.robot)
         print("\n".join([*layout_lines(asset), *device_lines(asset.actuators)]))
         print(f"robot written: {self.out or self.robot}")
         return 0

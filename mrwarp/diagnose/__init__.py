@@ -1,19 +1,43 @@
 """What does the simulation get wrong, and why: ``mrwarp diagnose``, and in Python ``mrwarp.diagnose(...)``."""
 
+import importlib
 import sys
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from mrwarp.diagnose.pipeline import diagnose
-from mrwarp.diagnose.report.in_python import Found, diagnose_files
-from mrwarp.diagnose.result import Diagnosis
+if TYPE_CHECKING:
+    from mrwarp.diagnose.pipeline import diagnose as diagnose
+    from mrwarp.diagnose.report.in_python import Found as Found
+    from mrwarp.diagnose.result import Diagnosis as Diagnosis
+
+_PLACES = {"Diagnosis": "result", "Found": "report.in_python", "diagnose": "pipeline"}
+"""Module of each name: all of them together load pictures and pages, which a check of recordings does without."""
 
 __all__ = ["Diagnosis", "Found", "diagnose"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name when it is first asked for."""
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_PLACES[name]}"), name)
 
 
 class _Callable(ModuleType):
     """The package is the public function too, for ``mrwarp.diagnose`` names both."""
 
-    __call__ = staticmethod(diagnose_files)
+    @staticmethod
+    def __call__(*arguments: Any, **options: Any) -> Any:
+        """Diagnose recordings, see :func:`mrwarp.diagnose.report.in_python.diagnose_files`.
+
+        Example:
+            >>> import mrwarp
+            >>> found = mrwarp.diagnose("recordings")
+            >>> found.verdict, [cause.name for cause in found.causes]
+            ('named', ['coil_lag'])
+        """
+        in_python = importlib.import_module(f"{__name__}.{_PLACES['Found']}")
+        return in_python.diagnose_files(*arguments, **options)
 
 
 sys.modules[__name__].__class__ = _Callable

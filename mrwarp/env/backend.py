@@ -13,12 +13,11 @@ from typing import Protocol
 
 import mujoco
 import mujoco.batch
-import mujoco_warp
 import numpy as np
 import warp as wp
-from mujoco_warp import DeterminismType, OverflowType
 
 from mrwarp.enums import BackendKind
+from mrwarp.runtime import uncollected
 
 
 class Backend(Protocol):
@@ -149,13 +148,6 @@ class MjWarpBackend:
 
     kind = BackendKind.MJWARP
     residual_tolerance = 0.05
-    overflow_mask = int(
-        OverflowType.NEFC
-        | OverflowType.NJMAX_NNZ
-        | OverflowType.BROADPHASE
-        | OverflowType.NARROWPHASE
-        | OverflowType.CONTACT_MATCH
-    )
 
     def __init__(
         self,
@@ -167,11 +159,18 @@ class MjWarpBackend:
         constraints: int = 112,
         deterministic: bool = False,
     ) -> None:
+        with uncollected():
+            import mujoco_warp  # it takes seconds to load, and a CPU does without
+        self._engine, kinds = mujoco_warp, mujoco_warp.OverflowType
+        self.overflow_mask = int(
+            kinds.NEFC | kinds.NJMAX_NNZ | kinds.BROADPHASE | kinds.NARROWPHASE | kinds.CONTACT_MATCH
+        )
         self.num_envs = num_envs
         self.device = wp.get_device(device)
         with wp.ScopedDevice(self.device):
             self.model = mujoco_warp.put_model(model)
-            self.model.opt.deterministic = DeterminismType.ALL if deterministic else DeterminismType.NONE
+            determinism = mujoco_warp.DeterminismType
+            self.model.opt.deterministic = determinism.ALL if deterministic else determinism.NONE
             # float32 cannot reach the float64 tolerance; MuJoCo-Warp clamps it, we say it
             self.model.opt.tolerance.fill_(max(float(model.opt.tolerance), 1e-6))
             self.data = mujoco_warp.make_data(model, nworld=num_envs, nconmax=contacts, njmax=constraints)
@@ -198,9 +197,9 @@ class MjWarpBackend:
         # what follows from a mass per environment needs a row per environment too: MuJoCo-Warp makes none
         for name in ("body_subtreemass", "body_invweight0", "dof_invweight0"):
             self.expand(name)
-        mujoco_warp.set_const(self.model, self.data)
+        self._engine.set_const(self.model, self.data)
 
     def step(self) -> None:
         """See :class:`Backend`."""
         with wp.ScopedDevice(self.device):
-            mujoco_warp.step(self.model, self.data)
+            self._engine.step(self.model, self.data)

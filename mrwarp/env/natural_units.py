@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.rewards import TERMS
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import MASS, MR_GO, STAND_HEIGHT
+
+if TYPE_CHECKING:
+    from mrwarp.env.cfg import EnvCfg
 
 FALL_COST = 1.0
 """What a fall takes from the reward of a robot on one or two legs. It falls whatever it does at first, and the sum of

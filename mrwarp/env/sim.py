@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 import warp as wp
 
-import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive for assets with devices
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
-from mrwarp.actuator.residual import LearnedTorque
 from mrwarp.enums import BackendKind, Coupling
 from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, MjBatchBackend, MjWarpBackend
-from mrwarp.env.sim_model import Edit, Field, Scene, SolverCfg, build_scene, named
+from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
 from mrwarp.kernels.launch import Launch, StepGraph, in_one_thread, record, record_per_env
 from mrwarp.usd.asset import RobotAsset, load_robot
+from mrwarp.usd.converted import Field
+
+if TYPE_CHECKING:
+    from mrwarp.actuator.residual import LearnedTorque
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +172,7 @@ class Sim:
     def push(self, body: str, force: np.ndarray) -> None:
         """Apply a force at a body's centre of mass from now on, until called again [N], world frame, shape (E, 3)."""
         view = wp.to_torch(self.backend.field("xfrc_applied")).reshape(self.num_envs, -1, 6)
-        view[:, self.body(body), :3] = torch.as_tensor(force, dtype=view.dtype, device=view.device)
+        view[:, self.body(body), :3] = view.new_tensor(force)
 
     def body_mass(self, body: str) -> float:
         """Nominal mass of a body [kg]."""

@@ -1,37 +1,31 @@
 """From a USD asset to the one MuJoCo model that both ways of stepping share.
 
-Newton reads the USD file and converts it; this file adds what the simulation needs on top: a contact-force sensor per
-foot, the solver's options and, for the constraint coupling, the parameters of the brake constraint.
+Newton converts the USD stage (:mod:`mrwarp.usd.converted`); this file adds what the simulation needs on top: a
+contact-force sensor per foot, the solver's options and, for the constraint coupling, the parameters of the brake
+constraint.
 """
 
 from __future__ import annotations
 
 import re
-import sys
-import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import mujoco
-import newton
 import numpy as np
 
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
 from mrwarp.enums import Coupling
 from mrwarp.usd.asset import JointActuator, RobotAsset
+from mrwarp.usd.converted import Field, converted
 from mrwarp.usd.robot import Layout
 
 Edit = Callable[[mujoco.MjSpec], None]
 """A change to the MuJoCo specification."""
-
-DRIVE = "mrwarp.actuator.newton_drive"
-"""The module that registers the MR drive, so that Newton can read assets with devices; it loads torch, which takes
-seconds that robots without devices need not wait."""
 
 FOOT_SENSOR = "{leg}_foot_force"
 """Name of the contact sensor of a leg: net force on its foot [N]."""
@@ -55,24 +49,6 @@ class SolverCfg:
                 f"ls_iterations = {self.ls_iterations}: below {least} the brake constraint fails silently; "
                 f"use {least} or more"
             )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Field:
-    """Heights on a square grid, centred on the world's origin."""
-
-    heights: np.ndarray
-    """[m], float32, shape (rows along y, columns along x)."""
-    cell: float
-    """Spacing [m]."""
-    origins: np.ndarray
-    """Middle of each tile (x, y), and the highest ground under a robot there [m], float32, (levels, kinds, 3)."""
-
-    @property
-    def half(self) -> tuple[float, float]:
-        """Half the extent along x and y [m]."""
-        rows, columns = self.heights.shape
-        return 0.5 * self.cell * (columns - 1), 0.5 * self.cell * (rows - 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,21 +142,10 @@ def build_scene(
         edit: Changes to the MuJoCo specification before it is compiled, e.g. a body that falls on the robot; bodies and
             joints it adds must come after the robot's.
     """
-    if any(a.mr is not None for a in asset.actuators) and DRIVE not in sys.modules:
-        raise RuntimeError(f"an asset with MR devices is converted once {DRIVE} is imported, which registers them")
     if lost := [a.lost for a in asset.actuators if a.lost]:
         warnings.warn(f"simulated without effects: {lost[0]}", stacklevel=2)
     solver = solver or SolverCfg()
-    builder = newton.ModelBuilder()
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    builder.add_usd(asset.stage)
-    # no contact gap, as on the asset's shapes: feet near the ground would count as contacts
-    surface = newton.ModelBuilder.ShapeConfig(gap=0.0)
-    if isinstance(ground, Field):
-        _add_field(builder, ground, surface)
-    elif ground:
-        builder.add_ground_plane(cfg=surface)
-    model = _with_sensors(newton.solvers.SolverMuJoCo, builder.finalize(device="cpu"), asset.layout, edit)
+    model = _with_sensors(*converted(asset.stage, ground), asset.layout, edit)
 
     model.opt.timestep = dt
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -229,15 +194,6 @@ def _feet(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
     return np.array(feet, dtype=np.int32)
 
 
-def _add_field(builder: newton.ModelBuilder, ground: Field, surface: newton.ModelBuilder.ShapeConfig) -> None:
-    """The field as ground, half a metre thick below its lowest point, so that a foot pressed into it stays inside."""
-    rows, columns = ground.heights.shape
-    half_x, half_y = ground.half
-    shape = newton.Heightfield(data=ground.heights, nrow=rows, ncol=columns, hx=half_x, hy=half_y)
-    thick = {"mujoco:hfield_base": 0.5}
-    builder.add_shape_heightfield(heightfield=shape, cfg=surface, label="terrain", custom_attributes=thick)
-
-
 def add_inertia(model: mujoco.MjModel, dofs: np.ndarray, actuators: Sequence[JointActuator]) -> None:
     """Give each joint the inertia that its device's effects add, as armature: the solver takes it implicitly.
 
@@ -283,16 +239,13 @@ def named(names: list[str], short: str, kind: str) -> int:
     return found[0]
 
 
-def _with_sensors(solver_class: type, newton_model: newton.Model, layout: Layout, edit: Edit | None) -> mujoco.MjModel:
-    """Newton's MuJoCo model plus one net contact force sensor per foot sphere.
+def _with_sensors(mjcf: str, original: mujoco.MjModel, layout: Layout, edit: Edit | None) -> mujoco.MjModel:
+    """The converted model plus one net contact force sensor per foot sphere.
 
     The model goes through its MJCF text because a compiled model cannot take sensors; every number of the compiled
     original is then copied back, so that nothing is rounded.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "model.xml")
-        original = solver_class(newton_model, save_to_mjcf=path, use_mujoco_cpu=True).mj_model
-        spec = mujoco.MjSpec.from_file(path)
+    spec = mujoco.MjSpec.from_string(mjcf)
     for leg in layout.legs:
         feet = [geom for geom in spec.geoms if shape_name(geom.name) == leg.foot]
         if feet:

@@ -18,10 +18,10 @@ import warp as wp
 
 from mrwarp.env.gait import Legs, foot_point
 from mrwarp.env.rng import LEVEL, draw, place
-from mrwarp.env.sim_model import Field
 from mrwarp.env.state import WalkState
 from mrwarp.env.terminations import DONE, TIME_OUT
 from mrwarp.kernels.launch import Launch, record
+from mrwarp.usd.converted import Field
 
 KINDS = ("rough", "slope_down", "step_up", "rough", "slope_up", "step_down")
 """Kind of each column of tiles; ``up`` and ``down`` are what a robot does that walks from the middle outwards."""

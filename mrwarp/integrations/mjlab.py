@@ -8,7 +8,6 @@ This is the only file that knows mjlab (1.6), which pins another MuJoCo; it need
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,23 +20,11 @@ from mjlab.utils.spec import create_motor_actuator  # pyright: ignore[reportMiss
 
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, DeviceAlone, MrActuator, MrActuatorCfg
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.kernels.mr_stages import drive_torque_kernel
-from mrwarp.model_file import Effect, load_model
+from mrwarp.model_file import load_model
 from mrwarp.params import MrParams
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Device:
-    """A joint as :class:`MrActuator` takes it."""
-
-    mr: MrParams
-    effects: Sequence[Effect]
-    joint: str = "joint"
-    kp: float = 0.0
-    kd: float = 0.0
-    tau_limit: float = 0.0
 
 
 @dataclass(kw_only=True)
@@ -68,7 +55,7 @@ class MrJointActuatorCfg(ActuatorCfg):
     extrapolate: bool = False
     """Let the coil take more current than the recordings of ``model`` held."""
 
-    def device(self) -> _Device:
+    def device(self) -> DeviceAlone:
         """Numbers and effects of the device.
 
         Raises:
@@ -84,7 +71,7 @@ class MrJointActuatorCfg(ActuatorCfg):
             "tau_limit": self.effort_limit,
         }
         values = {**mr.to_dict(), **motor, **self.parameters}
-        return _Device(
+        return DeviceAlone(
             mr=MrParams.from_dict(values, type(self).__name__), effects=model.effects if model is not None else ()
         )
 

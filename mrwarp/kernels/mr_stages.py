@@ -158,6 +158,7 @@ def drive_gather_kernel(
     q_adr: wp.array[wp.uint32],
     v_adr: wp.array[wp.uint32],
     q_des_adr: wp.array[wp.uint32],
+    input_adr: wp.array[wp.uint32],
     # in, Newton's flat arrays [rad, rad/s, rad, A, N or none]
     q_in: wp.array[float],
     qd_in: wp.array[float],
@@ -176,9 +177,9 @@ def drive_gather_kernel(
     q_out[i, 0] = q_in[q_adr[i]]
     qd_out[i, 0] = qd_in[v_adr[i]]
     q_des_out[i, 0] = q_des_in[q_des_adr[i]]
-    current_e_out[i] = mr_current_in[v_adr[i]]
+    current_e_out[i] = mr_current_in[input_adr[i]]
     if foot_load_in:
-        f_foot_out[i, 0] = foot_load_in[v_adr[i]]
+        f_foot_out[i, 0] = foot_load_in[input_adr[i]]
 
 
 @wp.kernel(enable_backward=False)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
+import warp as wp
 from torch.utils.tensorboard import SummaryWriter
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
@@ -116,6 +117,9 @@ class Trainer:
         self.progress = progress.Progress()
         self.gate_check: GateCheck | None = None
         self.watchers: list[Callable[[], None]] = []
+        self.timed = False
+        """Whether an update waits for the device before it learns, so that collecting and learning have their own
+        times; else a GPU still collects while the host's clock says that it learns."""
         self._interrupted = self._stop = self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
@@ -274,6 +278,8 @@ class Trainer:
                 match = match + env.clock_match.float().mean()
                 falls += env.fallen.sum()
             algorithm.compute_returns(self.obs)
+        if self.timed:
+            wp.synchronize_device(str(env.device))
         collected = time.perf_counter()
         algorithm.critic_only = critic_learns_alone(self.started_from, self.iteration)
         if self.divergences.take(self.iteration + 1):

@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 import warp as wp
 
-import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive for assets with devices
 from mrwarp.env.sim_model import build_scene
 from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.params import MrParams

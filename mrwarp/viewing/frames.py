@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-import torch
 import warp as wp
 
 from mrwarp.env.sim import ActuatedSim
@@ -93,6 +92,8 @@ class FrameReader:
             raise ValueError("only a robot with a floating base can be shown, this scene has none")
         if not shown or min(shown) < 0 or max(shown) >= sim.num_envs:
             raise ValueError(f"environments {list(shown)} must lie in 0..{sim.num_envs - 1}")
+        import torch  # pictures of a robot that stands do without
+
         self._shown = torch.tensor(list(shown), device=wp.device_to_torch(sim.device))
         arrays = {
             "qpos": sim.backend.field("qpos"),

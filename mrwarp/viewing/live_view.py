@@ -8,9 +8,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import rerun as rr
 import torch
 
 from mrwarp.env.sim_model import Scene
@@ -18,8 +17,10 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.impact import ImpactSweep
 from mrwarp.trials.walking import measure
 from mrwarp.viewing.frames import FrameReader, Frames, FrameStream
-from mrwarp.viewing.robot_view import RobotLogger, make_blueprint
 from mrwarp.viewing.viewer import DEFAULT_URL, WebViewer, check_viewer, open_window
+
+if TYPE_CHECKING:
+    import rerun as rr
 
 APPLICATION = "mrwarp"
 """rerun's application id: recordings with the same one share a layout in the viewer."""
@@ -49,6 +50,8 @@ def open_sink(
         ViewerError: the viewer is not there or does not start.
         OSError: the folder cannot be made, or the port is taken.
     """
+    import rerun as rr  # pictures and figures do without
+
     recording = rr.RecordingStream(APPLICATION)
     if rrd is not None:
         rrd.parent.mkdir(parents=True, exist_ok=True)
@@ -81,6 +84,8 @@ def disconnect(recording: rr.RecordingStream, timeout: float = 5.0) -> bool:
     thread.start()
     thread.join(timeout)
     if thread.is_alive():
+        import rerun as rr
+
         rr.unregister_shutdown()  # rerun's own exit handler would wait as well
         return False
     return complete
@@ -105,6 +110,8 @@ class LiveView:
     def __init__(
         self, scene: Scene, currents: Sequence[float], sink: Sink, *, batch: int, drop: bool, impact: bool = False
     ) -> None:
+        from mrwarp.viewing.robot_view import RobotLogger, make_blueprint  # loads rerun
+
         robots = RobotLogger(scene, currents, sink.recording)
         sink.recording.send_blueprint(make_blueprint(robots, live=sink.live, impact=impact))
         self.names = robots.names

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -23,11 +23,13 @@ from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
 from mrwarp.run_dir import atomic_write
 from mrwarp.runtime import panels
-from mrwarp.trials.impact import ImpactSweep, ImpactTrace
 from mrwarp.usd.robot import GAIT_FREQUENCY, MR_GO
 from mrwarp.viewing import shapes
 from mrwarp.viewing.frames import Frames, Gate, gate_of
 from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, Color, Part, Shape, ground_of, rotate
+
+if TYPE_CHECKING:
+    from mrwarp.trials.impact import ImpactSweep, ImpactTrace
 
 INSTANTS = 5
 """Instants in a row."""

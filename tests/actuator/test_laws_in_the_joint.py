@@ -33,8 +33,7 @@ def swung(
     file = model_file(path / f"{law}.json", (make_effect(law, NUMBERS[law]), *before), **UNIT_LOOP)
     gains = {"kp_base": 0.0, "kp_low": 0.0, "kd": 0.0, "eps_hold": 0.0}
     rig = Rig(fitted_scene(file, 1, z_step=ZStep.EXACT, coupling=coupling, **gains))
-    control: Any = rig.control
-    control.mr_foot_load = None
+    rig.inputs.mr_foot_load = None
     w = 2.0 * np.pi * 1.3
     t = DT * np.arange(1, STEPS + 1)
     q, qd = 0.3 * np.sin(w * t), 0.3 * w * np.cos(w * t)

@@ -18,7 +18,7 @@ import warp as wp
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator import newton_drive as drive_module
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg, ZStep
-from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, prepare_brake
+from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, drive_inputs, prepare_brake
 from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, save_model
 from mrwarp.params import MrParams, ParameterError
@@ -54,6 +54,7 @@ class Rig:
         (self.actuator,) = model.actuators
         self.drive: DriveMR = self.actuator.drive
         self.state, self.control = model.state(), model.control()
+        self.inputs = drive_inputs(self.actuator, self.control)
         self.now, self.after = self.actuator.state(), self.actuator.state()
 
     def write(self, **arrays: np.ndarray) -> None:
@@ -61,7 +62,7 @@ class Rig:
         state, control = self.state, self.control
         target = {
             "q": state.joint_q, "qd": state.joint_qd, "q_des": control.joint_target_q,
-            "current": control.mr_current, "f_foot": control.mr_foot_load,
+            "current": self.inputs.mr_current, "f_foot": self.inputs.mr_foot_load,
         }  # fmt: skip
         for name, values in arrays.items():
             target[name].assign(np.asarray(values, dtype=np.float32))
@@ -164,10 +165,10 @@ def test_current_part_is_linear() -> None:
     bouc_wen = MrParams().bouc_wen
     current, speed = np.array([0.0, 0.6, 1.2]), 3.0
     rig = Rig(scene(num=3))
-    rig.control.mr_foot_load = None
+    rig.inputs.mr_foot_load = None
     rig.state.joint_q.fill_(-1.5)
     rig.state.joint_qd.fill_(speed)
-    rig.control.mr_current.assign(current.astype(np.float32))
+    rig.inputs.mr_current.assign(current.astype(np.float32))
     tau = rig.step()
     z = -np.expm1(-speed * DT / bouc_wen.z_bound) * bouc_wen.z_bound
     factor = bouc_wen.I1 + bouc_wen.K1 / (1.0 + bouc_wen.alpha * speed) * z
@@ -211,8 +212,8 @@ def test_missing_inputs_are_refused() -> None:
     rig = Rig(scene(num=1))
     with pytest.raises(ValueError, match="needs its states and dt"):
         rig.actuator.step(rig.state, rig.control, rig.now, rig.after)
-    rig.control.mr_current = None
-    with pytest.raises(ValueError, match="needs control.mr_current"):
+    rig.inputs.mr_current = None
+    with pytest.raises(ValueError, match=r"needs \w+.mr_current"):
         rig.step()
 
 
@@ -345,9 +346,9 @@ def test_brake_holds_below_yield_and_slips_above(f_foot: float | None) -> None:
     model = scene(num=2, coupling="constraint", hold_current="fixed", **motor_off)
     rig = Rig(model)
     solver = newton.solvers.SolverMuJoCo(model)
-    rig.control.mr_current.fill_(current)
+    rig.inputs.mr_current.fill_(current)
     rig.control.joint_act.assign(load.astype(np.float32))
-    rig.control.mr_foot_load = None if f_foot is None else wp.full(2, f_foot, dtype=float, device="cpu")
+    rig.inputs.mr_foot_load = None if f_foot is None else wp.full(2, f_foot, dtype=float, device="cpu")
     other = model.state()
     speeds = []
     for _ in range(steps):
@@ -461,7 +462,7 @@ def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], 
     values = {name: value for name, value in OPEN if name in ("eps_v", "eps_hold")}
     path = model_file(tmp_path / "model.json", effects)
     rig = Rig(fitted_scene(path, 1, z_step=ZStep.EXACT, kp_base=0.0, kp_low=0.0, kd=0.0, **values))
-    rig.control.mr_foot_load = None
+    rig.inputs.mr_foot_load = None
     efforts, commands, heats = [], [], []
     for q, qd, current in zip(*motion(4.0), strict=True):
         current *= qd != 0.0  # no command before the first motion, of which the record knows nothing
@@ -524,7 +525,7 @@ def test_a_fitted_device_brings_no_motor(tmp_path: Path) -> None:
     solver, (actuator,) = newton.solvers.SolverMuJoCo(model), model.actuators
     state, after, control = model.state(), model.state(), model.control()
     now, then = actuator.state(), actuator.state()
-    control.mr_foot_load = None
+    drive_inputs(actuator, control).mr_foot_load = None
     dt, angles, speeds = 0.002, [], []
     for _ in range(600):
         control.joint_f.zero_()

@@ -18,7 +18,7 @@ import warp as wp
 
 import mrwarp.actuator.residual
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg
-from mrwarp.actuator.newton_drive import DriveMR
+from mrwarp.actuator.newton_drive import DriveMR, drive_inputs
 from mrwarp.actuator.residual import KINDS, LearnedTorque, states_at_rest, window_now, with_bouc_wen
 from mrwarp.identify import learn
 from mrwarp.kernels import launch
@@ -488,6 +488,7 @@ def test_newton_drive_with_a_learned_torque_is_the_actuator_with_it(kind: str) -
     (actuator,) = scene.actuators
     actuator.drive.use_learned(model, dt=DT)
     state, control, now, after = scene.state(), scene.control(), actuator.state(), actuator.state()
+    given = drive_inputs(actuator, control)
     motion = {name: values[..., :1] for name, values in make_motion(num, steps, seed=15).items() if values.ndim == 3}
     motion["current_e"] = np.broadcast_to([0.5, 1.0, 1.5], (steps, num))
     inputs = ActuatorInputs(
@@ -508,7 +509,7 @@ def test_newton_drive_with_a_learned_torque_is_the_actuator_with_it(kind: str) -
             getattr(inputs, name).assign(np.ascontiguousarray(values[k], dtype=np.float32))
         for array, name in (
             (state.joint_q, "q"), (state.joint_qd, "qd"), (control.joint_target_q, "q_des"),
-            (control.mr_foot_load, "f_foot"), (control.mr_current, "current_e"),
+            (given.mr_foot_load, "f_foot"), (given.mr_current, "current_e"),
         ):  # fmt: skip
             array.assign(np.ascontiguousarray(motion[name][k], dtype=np.float32).reshape(-1))
         if k == 40:

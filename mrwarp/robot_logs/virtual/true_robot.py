@@ -16,7 +16,6 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive for assets with devices
 from mrwarp.env.natural_units import Scales, scales
 from mrwarp.env.sim_model import build_scene, shape_name
 from mrwarp.params import MrParams
