@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from mrwarp.env.rewards import TERMS
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.usd.asset import load_robot
@@ -68,6 +67,8 @@ def scales_of(robot: str, asset: str | None = None) -> Scales:
 
 def in_natural_units(cfg: EnvCfg, scene: Scene) -> EnvCfg:
     """The task with its numbers in proportion to the scene's robot; the same object for the shipped one."""
+    from mrwarp.env.rewards import TERMS  # brings torch, which a picture of a standing robot does without
+
     by = scales(scene)
     if by == Scales():
         return cfg
