@@ -14,7 +14,7 @@ CATALOGUES = {"mrwarp/effects"}
 QUICK_HELP = ("mrwarp/cli.py", "mrwarp/commands/")
 """Files that import when they run, so that ``--help`` waits for no engine."""
 ON_USE = ("mrwarp/actuator/newton_drive.py", "mrwarp/viewing/live_view.py", "mrwarp/env/natural_units.py")
-"""Files of which most callers do without one part: the drive without torch and onnx, pictures without rerun and rewards."""
+"""Files of which most callers do without one part: the drive without torch and onnx, pictures without rerun."""
 
 
 def test_no_room_is_crowded() -> None:
