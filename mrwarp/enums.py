@@ -24,17 +24,19 @@ class HoldCurrent(enum.Enum):
 class CurrentCommand(enum.Enum):
     """What sets the coils' current: the gates and I_e alone; a law at 50 Hz; or the policy at 50 Hz, an action each.
 
-    See :mod:`mrwarp.env.commands`.
+    ``latched`` is the gates and I_e, with the hysteresis of a commanded coil's gates. See :mod:`mrwarp.env.commands`.
     """
 
     FIXED = "fixed"
+    LATCHED = "latched"
     SCHEDULED = "scheduled"
     LEARNED = "learned"
 
 
-ARMS = ("none", "off", "fixed", "support", "scheduled", "learned")
-"""What `mrwarp study current` compares: no device; a device without current; the gates at the best fixed current, and
-at the support current; both ways of :class:`CurrentCommand` to command one at 50 Hz."""
+ARMS = ("none", "off", "fixed", "support", "latched", "scheduled", "learned")
+"""What `mrwarp study current` compares: no device; a device without current; the gates at the best fixed current, at
+the support current, and at the fixed one with the gates of the last arm; both ways of :class:`CurrentCommand` to
+command one at 50 Hz."""
 
 
 class ZStep(enum.Enum):

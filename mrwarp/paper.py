@@ -173,6 +173,9 @@ TABLE_6: dict[tuple[str, float, float], CotRow] = {
 }
 """Cost of transport by robot, payload [kg] and commanded speed [m/s]."""
 
+MEASURED_SPEED = {key: row.speed for key, row in TABLE_6.items()}
+"""Mean speed that the paper measured in each row of table 6 [m/s], where it had commanded 0.3 or 0.5 m/s."""
+
 COT_REDUCTION = (0.202, 0.254)
 """Least and largest reduction of the cost of transport by SAL against MR_Go over the four conditions [1], abstract."""
 

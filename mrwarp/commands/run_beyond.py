@@ -40,7 +40,7 @@ class Current(Options):
 
     out: opt.Folder = Path("runs/current")
     """output folder: trainings, measurements, result.json, current.png"""
-    arms: Annotated[tuple[str, ...], opt.some_of(ARMS)] = ("none", "fixed", "scheduled", "learned")
+    arms: Annotated[tuple[str, ...], opt.some_of(ARMS)] = ("none", "fixed", "latched", "scheduled", "learned")
     """what is compared"""
     seeds: opt.Seeds = (0, 1, 2, 3, 4)
     """training seeds, of 0 to 4; what 3 and 4 begin with is trained first"""

@@ -193,7 +193,7 @@ class FillPages(Options):
             print(f"figures in {pages.collect(self.results)}")
         if self.freeze:
             from mrwarp.reproduce import predictions
-            from mrwarp.reproduce.claims import Results
+            from mrwarp.reproduce.verdicts import Results
 
             print(f"frozen in {predictions.write(Results(pages.read()['parts']))}")
         differing = pages.fill(check=self.only_check)

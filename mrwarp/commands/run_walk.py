@@ -155,7 +155,8 @@ class Walk(EnergyOptions):
     trials: opt.Count = 3
     """repetitions per condition"""
     calibrate: opt.Flag = False
-    """fit the electrical numbers to this run's Go1 rows, write numbers.json"""
+    """fit the electrical numbers to Go1's rows, write numbers.json; each robot walks at the speed that the paper
+    measured where it commanded 0.3 or 0.5 m/s"""
 
     def check(self) -> None:
         """Refuse also a robot of one's own without its policy, or without a device."""
@@ -198,6 +199,7 @@ class Walk(EnergyOptions):
             robots=self._robots(),
             payloads=(0.0, 3.0) if self.payload is None else self.payload,
             speeds=self.speed or (0.3, 0.5),
+            commanded=paper.MEASURED_SPEED if self.calibrate else {},
             env=self.env_cfg(),
         )
         if self.calibrate and not energy_report.can_calibrate(cfg):

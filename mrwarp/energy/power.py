@@ -43,17 +43,17 @@ class ElectricalCfg(ParamGroup):
     """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not the two apart."""
 
     electronics: float = param(
-        27.1, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
+        32.4, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
         "Computers, sensors and drives while the motors give no torque.",
     )  # fmt: skip
     winding_resistance: float = param(
-        0.298, "Ohm", 0.0, 2.0,
+        0.277, "Ohm", 0.0, 2.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; a public motor of this size "
         "(Mini Cheetah's code) has 0.105 to 0.13: trained gaits load the motors less than the real robot's seems to",
         "Phase resistance of a motor with its drive, as if all that grows with torque squared were copper loss.",
     )  # fmt: skip
     drive_friction: float = param(
-        2.89, "N·m", 0.0, 10.0,
+        3.03, "N·m", 0.0, 10.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; MuJoCo Menagerie's Go1 has "
         "0.2, and a damping of 1 to 2 N·m·s/rad that is in part its controllers'",
         "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and whatever else of the drive "
@@ -204,7 +204,7 @@ class BatteryCfg(ParamGroup):
     """Numbers of the battery."""
 
     capacity: float = param(
-        105.3, "W·h", 1.0, 1e4,
+        104.6, "W·h", 1.0, 1e4,
         "calibrated on Go1's depletion of section 6.5, `mrwarp mission --calibrate`; name plate 21.6 V x 6 Ah = "
         f"{NAME_PLATE:g} W·h, as usually quoted for Go1",
         "Energy between full and empty on the gauge.",

@@ -32,11 +32,11 @@ class ThermalCfg(ParamGroup):
         1.25, "K/W", 1e-3, 1e3, "Mini Cheetah's public motor code", "From winding to housing, R_wh."
     )
     housing_capacity: float = param(
-        1131.0, "J/K", 1.0, 1e5, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        1077.0, "J/K", 1.0, 1e5, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
         "Heat capacity C_h of the housing and what warms up with it; the motor alone, 0.53 kg, has about 300.",
     )  # fmt: skip
     housing_resistance: float = param(
-        3.646, "K/W", 1e-3, 1e6, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        4.106, "K/W", 1e-3, 1e6, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
         "From housing to air, R_ha.",
     )  # fmt: skip
     fluid_capacity: float = param(

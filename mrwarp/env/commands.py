@@ -192,10 +192,20 @@ def learned_current(action: float, allowed: float) -> float:
     return allowed * wp.clamp(MIDDLE * (1.0 + action), 0.0, 1.0)
 
 
+BY_NOBODY, BY_LAW, BY_POLICY = wp.constant(0), wp.constant(1), wp.constant(2)
+"""What sets the command of :func:`current_kernel`: all that is allowed, the law, or the policy."""
+
+BY = {
+    CurrentCommand.LATCHED: BY_NOBODY,
+    CurrentCommand.SCHEDULED: BY_LAW,
+    CurrentCommand.LEARNED: BY_POLICY,
+}
+
+
 @wp.kernel(enable_backward=False)
 def current_kernel(
-    # parameters: 1 = the policy commands, 0 = the law; structs, shape (E or 1, M); joint of each device, shape (M,)
-    learned: int,
+    # parameters: what commands, of BY; structs, shape (E or 1, M); joint of each device, shape (M,)
+    by: int,
     params: wp.array2d[JointParams],
     joint_of: wp.array[int],
     # in, shapes (E, A), (E, J) [rad, rad, rad/s], (E,) [A], (E, M)
@@ -214,7 +224,9 @@ def current_kernel(
         joint = joint_of[slot]
         p = params[wp.min(env, params.shape[0] - 1), slot]
         allowed = wp.min(current_e_in[env], p.current_max)
-        if learned == 1:
+        if by == BY_NOBODY:
+            command_out[env, slot] = allowed
+        elif by == BY_POLICY:
             command_out[env, slot] = learned_current(action_in[env, q_in.shape[1] + slot], allowed)
         else:
             e = q_des_in[env, joint] - q_in[env, joint]
@@ -232,7 +244,7 @@ def command_current(s: WalkState, command: CurrentCommand, params: wp.array, joi
     """
     if command is CurrentCommand.FIXED or not len(joint_of):
         return []
-    inputs: list[Any] = [int(command is CurrentCommand.LEARNED), params, joint_of]
+    inputs: list[Any] = [int(BY[command]), params, joint_of]
     arrays = [s.action, s.q_des, s.q, s.qd, s.current_e, s.strength]
     return [record(current_kernel, len(s.q), [*inputs, *arrays], [s.current_command])]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -37,12 +37,17 @@ class Comparison:
     """Its sample standard deviation over seeds or trials; None for one value."""
     n: int = 1
     """Seeds or trials."""
+    seeds: Sequence[float] = ()
+    """The figure of each of these, in their order, where they are kept."""
     calibrated: bool = False
     """Whether the paper's figure was used to fit a number of ours."""
     digits: int = 3
     """Digits behind the point."""
     why: str = ""
     """One sentence on a difference beyond the joint spread."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "seeds", tuple(self.seeds))
 
     @property
     def in_sd(self) -> float | None:
@@ -85,7 +90,7 @@ def compare(
         condition: What was done.
         quantity: What was measured, its unit, and digits behind the point.
         theirs: The paper's figure; a number has no spread.
-        ours: ``ours``, ``sd`` and ``n``, see :func:`over_seeds`.
+        ours: ``ours``, ``sd``, ``n`` and ``seeds``, see :func:`over_seeds`.
         why: Why they differ.
         calibrated: Whether the paper's figure was used to fit a number of ours.
     """
@@ -102,6 +107,8 @@ class TextTable:
     title: str
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
+    id: str = ""
+    """By which a page finds it in its entry; empty where none asks for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +118,10 @@ class Findings:
     rows: Sequence[Comparison] = ()
     claims: Mapping[str, bool] = field(default_factory=dict)
     """Each claim of the paper as a sentence, and whether ours agrees."""
+    claim_ids: Mapping[str, str] = field(default_factory=dict)
+    """Sentence of each claim by its identifier, by which it is found; see :func:`identified`."""
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    """One sentence on a claim of :data:`mrwarp.reproduce.claims.CLAIMS` by its identifier, with figures of this run."""
     notes: Sequence[str] = ()
     """Sentences with the evidence behind the rows."""
     tables: Sequence[TextTable] = ()
@@ -124,6 +135,21 @@ class Findings:
             object.__setattr__(self, name, tuple(getattr(self, name)))
 
 
+class Identified(TypedDict):
+    """Two fields of :class:`Findings`."""
+
+    claims: dict[str, bool]
+    claim_ids: dict[str, str]
+
+
+def identified(*claims: tuple[str, str, bool | np.bool_]) -> Identified:
+    """``claims`` and ``claim_ids`` of :class:`Findings` from identifiers, sentences, and whether they hold."""
+    return {
+        "claims": {text: bool(holds) for _, text, holds in claims},
+        "claim_ids": {name: text for name, text, _ in claims},
+    }
+
+
 def seeds_of(trials: np.ndarray, policies: int) -> np.ndarray | None:
     """Seed of each trial, of which number i was walked by policy ``i % policies``; None with a single policy.
 
@@ -134,7 +160,9 @@ def seeds_of(trials: np.ndarray, policies: int) -> np.ndarray | None:
 
 
 def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, Any]:
-    """``ours``, ``sd`` and ``n`` of a :class:`Comparison`; rollouts are averaged within each seed first, section 6.2.
+    """``ours``, ``sd``, ``n`` and ``seeds`` of a :class:`Comparison`; rollouts are averaged within each seed first.
+
+    Section 6.2 does so.
 
     Args:
         values: One per rollout; NaN where there is no figure, which counts as no rollout.
@@ -147,6 +175,6 @@ def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str,
         seeds = np.asarray(seeds)[there]
         values = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
     if not len(values):
-        return {"ours": math.nan, "sd": None, "n": 0}
+        return {"ours": math.nan, "sd": None, "n": 0, "seeds": ()}
     sd = float(values.std(ddof=1)) if len(values) > 1 else None
-    return {"ours": float(values.mean()), "sd": sd, "n": len(values)}
+    return {"ours": float(values.mean()), "sd": sd, "n": len(values), "seeds": tuple(values.tolist())}

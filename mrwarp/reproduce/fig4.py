@@ -28,7 +28,7 @@ from mrwarp.options.json_file import read_json_file
 from mrwarp.params import MrParams
 from mrwarp.recording.data import Recording
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
+from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, identified
 from mrwarp.reproduce.settings import PLANT_TITLES, networks
 from mrwarp.run_dir import write_text
 from mrwarp.runtime import drawing, panels
@@ -91,18 +91,31 @@ def compute(job: Job) -> Findings:
     )
     return Findings(
         rows=rows,
-        claims={
-            "PG-RLSTM has the lowest error at each current": verdicts["pg_rlstm_lowest_at_each_current"],
-            f"its average is at most {paper.FIGURE_4_AVERAGE:g} N·m": verdicts["pg_rlstm_average"],
-            **{
-                f"it is at least {100.0 * wanted:.1f} % below {PLANT_TITLES[name]}": verdicts[f"lower_than_{name}"]
+        **identified(
+            (
+                "pg_rlstm_lowest",
+                "PG-RLSTM has the lowest error at each current",
+                verdicts["pg_rlstm_lowest_at_each_current"],
+            ),
+            (
+                "pg_rlstm_average",
+                f"its average is at most {paper.FIGURE_4_AVERAGE:g} N·m",
+                verdicts["pg_rlstm_average"],
+            ),
+            *(
+                (
+                    f"lower_than_{name}",
+                    f"it is at least {100.0 * wanted:.1f} % below {PLANT_TITLES[name]}",
+                    verdicts[f"lower_than_{name}"],
+                )
                 for name, wanted in paper.FIGURE_4_REDUCTION.items()
-            },
-            "figure 3: the recurrent models follow the torque more closely than the MLP while the current is on": max(
-                on["lstm"], on["pg_rlstm"]
-            )
-            < on["mlp"],
-        },
+            ),
+            (
+                "recurrent_follow_more_closely",
+                "figure 3: the recurrent models follow the torque more closely than the MLP while the current is on",
+                max(on["lstm"], on["pg_rlstm"]) < on["mlp"],
+            ),
+        ),
         notes=[
             f"Eq. 13, which does not see the current, leaves {found_blind['average']:.3f} N·m on average, eq. 14 "
             f"{found['bouc_wen']['average']:.3f}.",

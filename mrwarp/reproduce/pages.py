@@ -18,8 +18,8 @@ import mrwarp
 from mrwarp import paper
 from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce import claims, paper_checks
-from mrwarp.reproduce.claims import Figure, Judged, Results, Verdict
 from mrwarp.reproduce.comparison import BRAKE
+from mrwarp.reproduce.verdicts import MOST_SEEDS, Figure, Judged, Mark, Results, Verdict, by_effect
 from mrwarp.run_dir import SCHEMA, plain, write_text
 
 ROOT = Path(mrwarp.__file__).parents[1]
@@ -30,9 +30,12 @@ RESULTS = Path("docs/results/paper.json")
 
 BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n)(.*?)(<!-- /figures -->)", re.DOTALL)
 
-KEPT = ("condition", "quantity", "unit", "paper", "ours", "sd", "n", "calibrated", "digits")
+KEPT = ("condition", "quantity", "unit", "paper", "ours", "sd", "n", "seeds", "calibrated", "digits")
 """What is kept of a row."""
 
+
+SAID = ("claims", "claim_ids", "reasons", "tables")
+"""What else is kept of an entry."""
 
 FURTHER = ("fig4_strengths",)
 """Entries that are no table or figure of the paper."""
@@ -67,7 +70,7 @@ def collect(folders: tuple[Path, ...], root: Path = ROOT) -> Path:
                 raise ValueError(f"{folder}: {name} was not made ({part.get('message')}); make it first")
             if name in (*paper.TITLES, *FURTHER):
                 rows = [{key: _short(row[key]) for key in KEPT} for row in part["rows"]]
-                parts[name] = {**origin, "rows": rows, "claims": part["claims"], "tables": part["tables"]}
+                parts[name] = {**origin, "rows": rows, **{key: part[key] for key in SAID if key in part}}
     content = {"schema": SCHEMA, "whole": whole, "parts": parts}
     return write_text(root / RESULTS, json.dumps(plain(content), indent=1, ensure_ascii=False) + "\n")
 
@@ -172,15 +175,21 @@ def _cells(figures: list[Figure]) -> list[str]:
     return [many([f.paper for f in figures]), many([f.ours for f in figures]), spread]
 
 
-CLAIM_HEAD = ("where", "claim", "paper", "ours", "SD of ours", "kind", "verdict", "")
+CLAIM_HEAD = ("where", "claim", "paper", "ours", "SD of ours", "effect", "kind", "verdict", "")
 """Columns of the table of claims."""
 
 
 def claim_row(judged: Judged) -> list[str]:
     """A claim with its figures, in the order of :data:`CLAIM_HEAD`."""
     cells = _cells(list(judged.figures)) if judged.figures else ["", "", ""]
+    calibrated = judged.verdict is Verdict.CALIBRATED
     kind = "" if judged.claim.excluded else judged.mark.value
-    return [judged.claim.place, judged.claim.says, *cells, kind, judged.verdict.value, judged.claim.why]
+    verdict = "" if calibrated else judged.verdict.value
+    if judged.needed is not None:
+        more = "more than " if judged.needed >= MOST_SEEDS else ""
+        verdict += f": {more}{judged.needed} seeds would tell"
+    about = "" if judged.claim.excluded else judged.claim.about
+    return [judged.claim.place, judged.claim.says, *cells, about, kind, verdict, judged.why]
 
 
 def _claims(found: Results) -> str:
@@ -188,45 +197,59 @@ def _claims(found: Results) -> str:
     return _table(list(CLAIM_HEAD), [claim_row(judged) for judged in claims.judge_all(found)])
 
 
+def counts(found: Results) -> dict[str, str]:
+    """How claims fare, a sentence each: all of them, the effects with a choice in view, those that were predicted."""
+    judged = claims.judge_all(found)
+    fitted, excluded = (sum(j.verdict is verdict for j in judged) for verdict in (Verdict.CALIBRATED, Verdict.EXCLUDED))
+    effects = by_effect(judged)
+
+    def many(mark: Mark) -> str:
+        return ", ".join(f"{n} {verdict.value}" for verdict, n in effects[mark].items() if n) or "none"
+
+    return {
+        "all": (
+            f"Of the paper's {len(judged)} claims {fitted} {'is' if fitted == 1 else 'are'} calibrated and {excluded} "
+            f"cannot both be true; the others are about {sum(sum(n.values()) for n in effects.values())} physical "
+            "effects, each of which counts once, by its worst claim."
+        ),
+        "in view": f"Of {sum(effects[Mark.IN_VIEW].values())} chosen in view: {many(Mark.IN_VIEW)}.",
+        "predicted": f"Of {sum(effects[Mark.PREDICTED].values())} predicted: {many(Mark.PREDICTED)}.",
+    }
+
+
 def _verdicts(found: Results) -> str:
-    """How many claims have which verdict, calibrated ones aside, and the three largest differences."""
-    judged = [judged for judged in claims.judge_all(found) if judged.mark is not claims.Mark.CALIBRATED]
-    counts = ", ".join(f"{sum(j.verdict is verdict for j in judged)} {verdict.value}" for verdict in Verdict)
-    told = []
+    """How claims fare, and the three largest differences of those that are not calibrated."""
+    judged = [judged for judged in claims.judge_all(found) if judged.mark is not Mark.CALIBRATED]
+    largest = []
     by_place = {j.claim.place: j for j in sorted(judged, key=lambda j: j.largest)}  # of each place the largest
     for j in sorted(by_place.values(), key=lambda j: -j.largest)[:3]:
         worst = max((f for f in j.figures if not f.calibrated), key=lambda f: abs(f.relative))
         ours, theirs = (_number(value, worst.digits) for value in (worst.ours, worst.paper))
-        told.append(f"{j.claim.place}, {j.claim.says}: {ours} where the paper has {theirs}")
-    return f"Of the paper's {len(judged)} claims: {counts}. The three largest differences: {'; '.join(told)}."
+        largest.append(f"{j.claim.place}, {j.claim.says}: {ours} where the paper has {theirs}")
+    said = counts(found)
+    first = f"{said['all']} {said['in view']} The three largest differences: {'; '.join(largest)}."
+    return f"{first}<br>\n{said['predicted']}"
 
 
-HEADLINES = (
-    ("RMSE of PG-RLSTM on ten unseen trajectories at 1, 1.2, 1.5 A [N·m]", "fig4", "Figure 4", 0),
-    ("v_x RMSE changed by actuator-aware training, SAL off, on [%]", "table2", "Table 2", 1),
-    ("minimum height changed by 0.5, 1, 1.5 A under the push [%]", "table4", "Table 4, simulation", 2),
-    ("COT lower by SAL: 0 kg at 0.3, 0.5; 3 kg at 0.3, 0.5 m/s [%]", "table6", "Table 6, abstract", 0),
-)
-"""Rows of README: what, command, and which claim of a place."""
+HEADLINES = {
+    "bench.errors/pg_rlstm": "RMSE of PG-RLSTM on ten unseen trajectories at 1, 1.2, 1.5 A [N·m]",
+    "training.tracking/change": "v_x RMSE changed by actuator-aware training, SAL off, on [%]",
+    "push.damping/height_change": "minimum height changed by 0.5, 1, 1.5 A under the push [%]",
+    "walk.saving/cot": "COT lower by SAL: 0 kg at 0.3, 0.5; 3 kg at 0.3, 0.5 m/s [%]",
+}
+"""Rows of README by their claims."""
 
 
 def _readme(found: Results) -> str:
     """The headlines with their verdicts, how many claims have which, and the largest differences."""
-    judged = claims.judge_all(found)
+    judged = {j.claim.id: j for j in claims.judge_all(found)}
     rows = []
-    for what, part, place, k in HEADLINES:
-        claim = [j for j in judged if j.claim.place == place][k]
+    for name, what in HEADLINES.items():
+        claim = judged[name]
         theirs, ours, spread = _cells(list(claim.figures))
-        rows.append(
-            [
-                what,
-                ours,
-                spread.split(" (paper")[0],
-                theirs,
-                f"{claim.verdict.value}, {claim.mark.value}",
-                f"`mrwarp reproduce {part}`",
-            ]
-        )
+        verdict = f"{claim.verdict.value}, {claim.mark.value}"
+        command = f"`mrwarp reproduce {claim.claim.entry}`"
+        rows.append([what, ours, spread.split(" (paper")[0], theirs, verdict, command])
     table = _table(["against the paper", "ours", "SD", "paper", "verdict", "command"], rows)
     return f"{table}\n\n{_verdicts(found)} Each one: [docs/reproduce.md](docs/reproduce.md)."
 
@@ -236,16 +259,14 @@ def _checks(_: Results) -> str:
     return "\n\n".join(f"**{check.title}** {check.arithmetic}" for check in paper_checks.all_checks())
 
 
-def _part_table(part: str, begins: str) -> Callable[[Results], str]:
+def _part_table(part: str, name: str) -> Callable[[Results], str]:
     """A table of an entry, as it printed it."""
 
     def block(found: Results) -> str:
         if part not in found.parts:
             return f"*Not among the committed figures; `mrwarp reproduce {part}` makes it.*"
-        for table in found.parts[part]["tables"]:
-            if table["title"].startswith(begins):
-                return f"{table['title']}:\n\n" + _table(list(table["head"]), [list(row) for row in table["rows"]])
-        raise ValueError(f"{RESULTS}: {part} has no table {begins!r}; make it anew")
+        table = found.table(part, name)
+        return f"{table['title']}:\n\n" + _table(list(table["head"]), [list(row) for row in table["rows"]])
 
     return block
 
@@ -376,7 +397,7 @@ def _strengths(found: Results) -> str:
     below = [100.0 * (1.0 - average["PG-RLSTM"] / average[name]) for name in ("Bouc-Wen", "LSTM", "MLP")]
     cells = [*(f"{value:.3f}" for value in average.values()), *(f"{value:.0f}" for value in below)]
     theirs, *rows = [list(row) for row in table["rows"] if row[0] != "times 1"]
-    rows.append(["times 1", *cells, "yes" if found.holds("fig4", "PG-RLSTM has the lowest") else "no"])
+    rows.append(["times 1", *cells, "yes" if found.holds("fig4", "pg_rlstm_lowest") else "no"])
     rows = [theirs, *sorted(rows, key=lambda row: float(row[0].split()[-1]))]
     return _table(list(table["head"]), rows)
 
@@ -404,15 +425,15 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "fig4_strengths": _strengths,
     "table3": _rows_table("table3"),
     "table4": _rows_table("table4"),
-    "table4_zero": _part_table("table4", "The row of 0 A"),
-    "table4_readings": _part_table("table4", "Every reading"),
-    "table4_knees": _part_table("table4", "One degree of freedom"),
-    "table4_bound": _part_table("table4", "Falling mass on devices"),
-    "table6_training": _part_table("table6", "Reduction of COT by SAL"),
-    "table6_closed": _part_table("table6", "What holding saves"),
-    "table6_electrical": _part_table("electrical", "Reduction of COT by SAL [%], both"),
-    "predictions": _part_table("predictions", "Frozen before"),
-    "support": _part_table("support", "Reduction of COT"),
+    "table4_zero": _part_table("table4", "zero"),
+    "table4_readings": _part_table("table4", "readings"),
+    "table4_knees": _part_table("table4", "knees"),
+    "table4_bound": _part_table("table4", "bound"),
+    "table6_training": _part_table("table6", "training"),
+    "table6_closed": _part_table("table6", "closed_form"),
+    "table6_electrical": _part_table("electrical", "both_branches"),
+    "predictions": _part_table("predictions", "frozen"),
+    "support": _part_table("support", "choices"),
     "table6": _rows_table("table6"),
     "fig10": _rows_table("fig10"),
     "fig11": _rows_table("fig11"),

@@ -34,10 +34,11 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.claims import CELLS, DROPPED, TRAINED, Results, change
-from mrwarp.reproduce.comparison import Findings, TextTable, over_seeds, seeds_of
+from mrwarp.reproduce.claims import CELLS, DROPPED, TRAINED
+from mrwarp.reproduce.comparison import Findings, TextTable, identified, over_seeds, seeds_of
 from mrwarp.reproduce.disturbance import drop_trials
 from mrwarp.reproduce.settings import Ensemble, NotYet, ensembles
+from mrwarp.reproduce.verdicts import Results, change
 from mrwarp.resources import POLICIES
 from mrwarp.run_dir import write_text
 from mrwarp.study import paper_tables
@@ -58,6 +59,9 @@ FROZEN = "predictions.json"
 
 LEVEL = 0.9
 """Share of the intervals that should be hit."""
+
+WIDE = 0.25
+"""Width of an interval, relative to its centre, beyond which a hit proves little."""
 
 NEW_SEEDS = (5, 6, 7, 8, 9)
 """Training seeds that no figure had seen."""
@@ -99,6 +103,11 @@ class Prediction:
     digits: int
     centre: float
     half_width: float
+
+    @property
+    def wide(self) -> bool:
+        """Whether the interval is wider than :data:`WIDE` of its value: hit cheaply, it proves little."""
+        return 2.0 * self.half_width > WIDE * abs(self.centre)
 
     def hit(self, came: float) -> bool:
         """Whether what came lies in the interval; NaN, where no robot arrived, does not."""
@@ -164,7 +173,7 @@ def freeze(found: Results) -> list[Prediction]:
         add(condition, REDUCTION, between(saved, saved_loaded, LOAD / 3.0))
         add(condition, HELD, between(held, held_loaded, LOAD / 3.0))
     slower = PACE / GAIT_FREQUENCY
-    table = {line[0]: line[1:] for line in found.parts["support"]["tables"][0]["rows"]}
+    table = {line[0]: line[1:] for line in found.table("support", "choices")["rows"]}
     cells = [tuple(map(float, text.split(","))) for text in table["eps_hold 0.15 rad/s"][:2]]
     for speed in PACED:
         share = (speed / slower - 0.3) / 0.2
@@ -263,19 +272,27 @@ def findings(pairs: list[tuple[Prediction, float | None]]) -> Findings:
             shown, verdict = "", "withdrawn" if each.condition.startswith(WITHDRAWN) else "not run yet"
         else:
             shown = f"{value:.{each.digits}f}" if math.isfinite(value) else "none arrived"
-            verdict = "hit" if each.hit(value) else "missed"
+            verdict = ("hit, proves little" if each.wide else "hit") if each.hit(value) else "missed"
         rows.append([each.condition, f"{each.quantity}{unit}", f"{low} to {high}", shown, verdict])
     hits = sum(each.hit(value) for each, value in run)
-    most = f"{hits} of {len(run)} hit their {100.0 * LEVEL:.0f} % interval"
+    narrow = [(each, value) for each, value in run if not each.wide]
+    most = (
+        f"{hits} of {len(run)} hit their {100.0 * LEVEL:.0f} % interval. {len(run) - len(narrow)} intervals are wider "
+        f"than {100.0 * WIDE:.0f} % of their value, and a hit of theirs proves little; of the {len(narrow)} others "
+        f"{sum(each.hit(value) for each, value in narrow)} hit"
+    )
     waiting = [each for each, value in pairs if value is None and not each.condition.startswith(WITHDRAWN)]
     left = f", {len(waiting)} are not run yet" if waiting else ""
     return Findings(
-        claims={f"at least {100.0 * LEVEL:.0f} % of the frozen intervals are hit": hits >= LEVEL * len(run)},
+        **identified(
+            ("hit", f"at least {100.0 * LEVEL:.0f} % of the frozen intervals are hit", hits >= LEVEL * len(run))
+        ),
         tables=[
             TextTable(
                 title=f"Frozen before they were run: {most}{left}",
                 head=["condition", "quantity", "foretold", "came", ""],
                 rows=rows,
+                id="frozen",
             )
         ],
         figures={"hits": hits, "predictions": [asdict(each) | {"came": value} for each, value in pairs]},

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 from mrwarp.nn.models import SAMPLES
 from mrwarp.reproduce import (
-    electrical,
     fig4,
     missions,
     predictions,
@@ -17,6 +16,7 @@ from mrwarp.reproduce import (
 )
 from mrwarp.reproduce.cache import Experiment
 from mrwarp.reproduce.disturbance import drop_entries, drop_trials, push_entries, push_rule, table4
+from mrwarp.reproduce.motors import calf_torque, electrical
 from mrwarp.reproduce.settings import Settings, networks, study_files
 from mrwarp.study.plan import AWARE, BRAKE, CONVENTIONAL, MODELS, record_file
 from mrwarp.study.rollouts import PLANT
@@ -86,11 +86,11 @@ _ALL = (
     Experiment(name="fig6", compute=push_entries.fig6, needs=("pushes",)),
     Experiment(name="fig7", compute=drop_entries.fig7, needs=("drops",)),
     Experiment(name="table5", compute=drop_entries.table5, needs=("drops",)),
-    Experiment(name="walks", compute=walks.simulate, settings=WALKS, seconds=_walks(360.0, "distance", 30.0)),
+    Experiment(name="walks", compute=walks.simulate, settings=WALKS, seconds=_walks(260.0, "distance", 30.0)),
     Experiment(name="table6", compute=walk_results.table6, needs=("walks",)),
     Experiment(name="table7", compute=walk_results.table7, needs=("walks",)),
     Experiment(name="electrical", compute=electrical.compute, needs=("walks",)),
-    Experiment(name="fig8", compute=walk_results.fig8, needs=("walks",)),
+    Experiment(name="fig8", compute=calf_torque.fig8, needs=("walks",)),
     Experiment(name="fig9", compute=walk_results.fig9, needs=("walks",)),
     Experiment(
         name="support",

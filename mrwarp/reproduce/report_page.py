@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mrwarp.paper import TITLES
-from mrwarp.reproduce import claims, pages
+from mrwarp.reproduce import claims, pages, verdicts
 from mrwarp.reproduce.cache import Outcome
 from mrwarp.reproduce.comparison import RELATIVE, Comparison, Findings
 from mrwarp.run_dir import versions, write_text
@@ -74,7 +74,7 @@ def lines(outcome: Outcome) -> list[str]:
 
 def cells(row: Comparison, part: str = "") -> list[str]:
     """One row of an entry as text, in the order of :data:`HEAD`."""
-    chosen = claims.Mark.IN_VIEW if part in claims.IN_VIEW else claims.Mark.PREDICTED
+    chosen = verdicts.Mark.IN_VIEW if part in verdicts.IN_VIEW else verdicts.Mark.PREDICTED
     theirs = "–" if row.paper is None else _spread(row.paper.mean, row.paper.sd, row.digits)
     ours = _spread(row.ours, row.sd, row.digits) + ("" if row.sd is None else f" (n = {row.n})")
     return [
@@ -84,7 +84,7 @@ def cells(row: Comparison, part: str = "") -> list[str]:
         ours if math.isfinite(row.ours) else "no figure",
         "" if row.relative is None or not math.isfinite(row.relative) else f"{100.0 * row.relative:+.1f} %",
         "" if row.in_sd is None or not math.isfinite(row.in_sd) else f"{row.in_sd:+.1f}",
-        (claims.Mark.CALIBRATED if row.calibrated else chosen).value,
+        (verdicts.Mark.CALIBRATED if row.calibrated else chosen).value,
         row.why if row.differs else "",
     ]
 
@@ -130,12 +130,12 @@ def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
 
 def _verdicts(outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
     """The claims of what was made, as a first entry; none where no claim has all its rows."""
-    found = claims.Results({name: asdict(o.findings) for name, o in outcomes.items() if o.findings is not None})
+    found = verdicts.Results({name: asdict(o.findings) for name, o in outcomes.items() if o.findings is not None})
     rows = []
     for claim in claims.CLAIMS:
         if claim.entry in found.parts:
             try:
-                rows.append(pages.claim_row(claims.judge(claim, found)))
+                rows.append(pages.claim_row(verdicts.judge(claim, found)))
             except KeyError:  # a row that this run has not, as where no robot arrived
                 continue
     entry = {"name": "claims", "title": "Every claim of the paper that was made", "message": "", "agreement": ""}

@@ -9,7 +9,7 @@ from mrwarp import paper
 from mrwarp.enums import Coupling
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import BRAKE, Comparison, Findings, TextTable, compare
+from mrwarp.reproduce.comparison import BRAKE, Comparison, Findings, TextTable, compare, identified
 from mrwarp.reproduce.settings import PLANT_TITLES
 from mrwarp.runtime import drawing
 from mrwarp.study import matched_training, paper_tables
@@ -58,11 +58,16 @@ def table2(job: Job) -> Findings:
     changes = {(name, sal): change for name in ("rmse", "bias") for sal, change in getattr(table, name).items()}
     return Findings(
         rows=rows,
-        claims={
-            f"actuator-aware training lowers the v_x {name} by at least {100.0 * LEAST[name]:.0f} %, SAL {sal}":
-            change.reduction >= LEAST[name]
-            for (name, sal), change in changes.items()
-        },
+        **identified(
+            *(
+                (
+                    f"training_lowers_{name}_{sal}",
+                    f"actuator-aware training lowers the v_x {name} by at least {100.0 * LEAST[name]:.0f} %, SAL {sal}",
+                    change.reduction >= LEAST[name],
+                )
+                for (name, sal), change in changes.items()
+            )
+        ),
         notes=[
             *(_said(name, sal, change) for (name, sal), change in changes.items()),
             *(f"SAL {sal}: {limit}." for sal, limit in table.limits().items()),
@@ -102,10 +107,18 @@ def table3(job: Job) -> Findings:
         ranking.append([METRICS[metric][0], *(" < ".join(titles[model] for model in best) for best in (order, theirs))])
     return Findings(
         rows=rows,
-        claims={
-            "PG-RLSTM is best in every metric": all(order[0] == "pg_rlstm" for order in table.ranking.values()),
-            "MLP is worst in every metric": all(order[-1] == "mlp" for order in table.ranking.values()),
-        },
+        **identified(
+            (
+                "pg_rlstm_best",
+                "PG-RLSTM is best in every metric",
+                all(order[0] == "pg_rlstm" for order in table.ranking.values()),
+            ),
+            (
+                "mlp_worst",
+                "MLP is worst in every metric",
+                all(order[-1] == "mlp" for order in table.ranking.values()),
+            ),
+        ),
         notes=[
             f"{len(apart)} of {len(table.pairs)} pairs of models differ at {100.0 * LEVEL:.0f} % (Welch over seeds, "
             f"Holm within each metric){f': {named}' if named else ''}.",
@@ -124,10 +137,10 @@ def fig5(job: Job) -> Findings:
     quarter, last = slow.update <= 0.25 * slow.update[-1], slow.update >= 0.9 * slow.update[-1]
     early, late = ([float(curve.mean[part].mean()) for curve in (slow, plain)] for part in (quarter, last))
     return Findings(
-        claims={
-            "the actuator-aware training learns more slowly at first": early[0] < early[1],
-            "and ends at a higher reward": late[0] > late[1],
-        },
+        **identified(
+            ("slower_at_first", "the actuator-aware training learns more slowly at first", early[0] < early[1]),
+            ("ends_higher", "and ends at a higher reward", late[0] > late[1]),
+        ),
         notes=[
             f"Reward per second, actuator-aware and conventional: {early[0]:.2f} and {early[1]:.2f} over the first "
             f"quarter, {late[0]:.2f} and {late[1]:.2f} over the last tenth of the updates."

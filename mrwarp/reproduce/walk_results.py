@@ -1,6 +1,7 @@
-"""Entries on walks: cost of transport (table 6, figure 9), support activation (table 7), torques (figure 8).
+"""Entries on walks: cost of transport (table 6, figure 9), support activation (table 7).
 
-Go1's rows of table 6 calibrate the electrical model, all others are predicted.
+Go1's rows of table 6 calibrate the electrical model, all others are predicted. Robots walk at the speeds that the paper
+measured; its simulation's activation stands next to walks as commanded.
 """
 
 from __future__ import annotations
@@ -18,15 +19,17 @@ from mrwarp.paper import PaperValue
 from mrwarp.params import GateParams
 from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
+from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, identified, over_seeds
 from mrwarp.reproduce.walks import Walks
 from mrwarp.runtime import drawing
 from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
-from mrwarp.trials import power_meter, walk_figures, walk_pictures
+from mrwarp.trials import walk_figures, walk_pictures
 from mrwarp.trials.statistics import ratio_sd
 from mrwarp.trials.walk_figures import Saving, mean_power
 from mrwarp.trials.walk_trials import WalkResult
-from mrwarp.usd.robot import JOINTS
+
+Claimed = tuple[str, str, bool]
+"""A claim's identifier and sentence, and whether it holds."""
 
 Cots = dict[tuple[str, float, float], dict[str, Any]]
 """COT over training seeds, see :func:`over_seeds`, by robot, payload [kg] and commanded speed [m/s]."""
@@ -42,16 +45,6 @@ PARTS = {
     "controllers": "current controllers",
 }
 """Parts of the battery's power as people read them."""
-
-
-PAIR = ("go1", "mr_go_sal")
-"""The robots that figure 8 compares."""
-
-SHOWN = tuple(JOINTS[joint] for joint in power_meter.SHOWN)
-"""Joints of the front-right leg."""
-
-SIMILAR = 0.15
-"""Largest relative difference of means that counts as broadly similar."""
 
 
 def table6(job: Job) -> Findings:
@@ -79,12 +72,12 @@ def table6(job: Job) -> Findings:
     rows += [
         reduction_row("SAL against MR_Go, a device that sticks", saved, cots_stuck, _held(saved)) for saved in stuck
     ]
-    claims_stuck = {f"a device that sticks: {name}": holds for name, holds in _claims(cots_stuck, sticking).items()}
     bounds, said = closed_form(savings, walked.both, fit.cfg)
-    carried, told = carrying(walked.both, fit.cfg)
+    carried, costs = carrying(walked.both, fit.cfg)
+    training = _training(walked, fit.cfg)
     return Findings(
         rows=rows,
-        claims=_claims(cots, walked.both) | claims_stuck,
+        **identified(*_claims(cots, walked.both), *_stuck(_claims(cots_stuck, sticking))),
         notes=[
             f"Go1's four rows and its {paper.MISSION_POWER['go1']['standby']:g} W of standing give {fit} "
             f"(95 %), to {fit.rmse:.1f} W (RMS). No row of MR_Go and MR_Go-SAL took part.",
@@ -92,11 +85,18 @@ def table6(job: Job) -> Findings:
             "those of a device that sticks were trained with brakes that hold a calf still, and walk with them.",
             "The spread of a reduction is that of the ratio of two independent COTs, ours over training seeds, the "
             "paper's over its walks.",
-            told,
+            "Each robot is commanded the speed that the paper measured for it: its cost of transport divides by that, "
+            "and so does the calibration.",
+            costs,
             said,
             *walked.arrivals(*(name for name in walks.VARIANTS if name != "same_gait")),
         ],
-        tables=[carried, _parts(savings), bounds, _training(walked, fit.cfg)],
+        reasons={
+            "walk.power/mr_go": costs,
+            "walk.power/mr_go_sal": _saved(savings),
+            "walk.saving/cot": _device_alone(walked, fit.cfg),
+        },
+        tables=[_speeds(walked, cots), carried, _parts(savings), bounds, training],
         figures={
             "savings": [asdict(saved) for saved in savings],
             "holding_alone": [asdict(saved) for saved in alone],
@@ -120,7 +120,7 @@ def fig9(job: Job) -> Findings:
         cots = {(r.robot, r.cell): walk_figures.cot(r, cfg).mean() for r in walked.both}
         least = all(cots[key] >= cots["mr_go_sal", key[1]] for key in cots)
     return Findings(
-        claims={"MR_Go-SAL has the lowest COT in all four conditions": least},
+        **identified(("sal_lowest", "MR_Go-SAL has the lowest COT in all four conditions", least)),
         notes=["The numbers are those of table 6.", *walked.arrivals("both")],
         pictures={"cot.png": "Cost of transport: bars ours, marks the paper's; hatched rows were calibrated"},
     )
@@ -197,17 +197,57 @@ def _reduced(after: Cots, before: Cots, cell: tuple[float, float]) -> float:
     return 1.0 - after["mr_go_sal", *cell]["ours"] / before["mr_go", *cell]["ours"]
 
 
-def _claims(cots: Cots, results: list[WalkResult]) -> dict[str, bool]:
+def _stuck(claims: Sequence[Claimed]) -> list[Claimed]:
+    """The same claims of brakes that stick."""
+    return [(f"stuck_{name}", f"a device that sticks: {text}", holds) for name, text, holds in claims]
+
+
+def _saved(savings: Sequence[Saving]) -> str:
+    """What SAL saves in watts next to the paper's, a sentence."""
+    if not savings:
+        return "No condition in which both MR_Go and MR_Go-SAL arrived."
+    ours = ", ".join(f"{saved.saving:.0f}" for saved in savings)
+    theirs = ", ".join(f"{saved.paper['saving']:.0f}" for saved in savings if saved.paper)
+    return f"What MR_Go draws too much remains, SAL takes {ours} W from it and the paper's {theirs} W."
+
+
+def _device_alone(walked: Walks, cfg: ElectricalCfg) -> str:
+    """What the device saves where both robots walk with the same policies, a sentence."""
+    own, swapped = (cots_of(walked, name, cfg) for name in ("both", "swapped_policies"))
+    cells = list(dict.fromkeys(result.cell for result in walked.both))
+    alone, whole = (
+        ", ".join(f"{100.0 * _reduced(after, own, cell):.0f}" for cell in cells) for after in (swapped, own)
+    )
+    return f"With MR_Go's policies on both robots the device alone saves {alone} of {whole} %, the rest is training's."
+
+
+def _speeds(walked: Walks, cots: Cots) -> TextTable:
+    """What the measured speeds change: cost of transport with them, and with 0.3 and 0.5 m/s, both calibrated there."""
+    nominal = cots_of(walked, "as_commanded", walked.calibrated("as_commanded").cfg)
+    head = ["robot and condition", "commanded [m/s]", "COT", "COT at 0.3 and 0.5 m/s", "paper"]
+    rows = []
+    for (robot, load, speed), found in cots.items():
+        theirs = paper.TABLE_6.get((robot, load, speed))
+        if theirs is not None:
+            name = f"{paper.NAMES[robot]}, {paper.condition_name(load, speed)}"
+            figures = found["ours"], nominal.get((robot, load, speed), {}).get("ours", math.nan), theirs.cot
+            rows.append([name, f"{theirs.speed:.2f}", *(f"{value:.3f}" for value in figures)])
+    title = "Cost of transport at the paper's measured speeds and as commanded, each with its own calibration"
+    return TextTable(title=title, head=head, rows=rows, id="speeds")
+
+
+def _claims(cots: Cots, results: list[WalkResult]) -> list[Claimed]:
     """Section 6.4's claims on the reduction of COT by SAL; False where a condition is missing."""
     whole = walks.complete([result for result in results if result.robot != "go1"])
     reductions = {cell: _reduced(cots, cots, cell) for cell in dict.fromkeys(key[1:] for key in cots)}
     least, most = paper.COT_REDUCTION
-    return {
-        "SAL lowers COT in all four conditions": whole and min(reductions.values()) > 0.0,
-        f"by at least {100.0 * least:.1f} %": whole and min(reductions.values()) >= least,
-        f"by at most {100.0 * most:.1f} %": whole and max(reductions.values()) <= most,
-        "at 0.3 m/s no less with payload than without": whole and reductions[3.0, 0.3] >= reductions[0.0, 0.3],
-    }
+    more_loaded = whole and reductions[3.0, 0.3] >= reductions[0.0, 0.3]
+    return [
+        ("cot_lower", "SAL lowers COT in all four conditions", whole and min(reductions.values()) > 0.0),
+        ("at_least", f"by at least {100.0 * least:.1f} %", whole and min(reductions.values()) >= least),
+        ("at_most", f"by at most {100.0 * most:.1f} %", whole and max(reductions.values()) <= most),
+        ("more_when_loaded", "at 0.3 m/s no less with payload than without", more_loaded),
+    ]
 
 
 def _parts(savings: Sequence[Saving]) -> TextTable:
@@ -286,7 +326,7 @@ def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: E
         "closed form: our standing, our shares",
     ]
     title = "What holding saves by closed form, 4 a S (m/m0)^2, beside what is saved [% of MR_Go's power]"
-    return TextTable(title=title, head=head, rows=rows), text
+    return TextTable(title=title, head=head, rows=rows, id="closed_form"), text
 
 
 def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
@@ -313,20 +353,20 @@ def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
         f"{free.winding_resistance:.3f} and {dear.winding_resistance:.3f} Ohm, drive friction "
         f"{free.drive_friction:.2f} and {dear.drive_friction:.2f} N·m)"
     )
-    return TextTable(title=title, head=["condition", *columns], rows=rows)
+    return TextTable(title=title, head=["condition", *columns], rows=rows, id="training")
 
 
 def table7(job: Job) -> Findings:
     """Mean activation over the calves beside the paper's simulation and hardware."""
     walked = walks.read(job)
-    both = {"hardware": "paper's hardware", "simulation": "paper's simulation"}
-    rows, share, claims = _activation(walked, "both", both)
+    rows, share, claims = _activation(walked, "both", {"hardware": "paper's hardware"})
+    simulated, *_ = _activation(walked, "as_commanded", {"simulation": "paper's simulation"})
     stuck = {"hardware": "paper's hardware, a device that sticks"}
     more, share_sticking, claims_sticking = _activation(walked, "constraint_coupling", stuck)
     return Findings(
-        rows=[*rows, *more],
-        claims={**claims, **{f"a device that sticks: {name}": holds for name, holds in claims_sticking.items()}},
-        notes=walked.arrivals("both", "constraint_coupling", robots=("mr_go_sal",)),
+        rows=[*rows, *simulated, *more],
+        **identified(*claims, *_stuck(claims_sticking)),
+        notes=walked.arrivals("both", "as_commanded", "constraint_coupling", robots=("mr_go_sal",)),
         figures={
             name: {paper.condition_name(*cell): value for cell, value in found.items()}
             for name, found in (("activation", share), ("activation_constraint_coupling", share_sticking))
@@ -336,7 +376,7 @@ def table7(job: Job) -> Findings:
 
 def _activation(
     walked: Walks, variant: str, sources: dict[str, str]
-) -> tuple[list[Comparison], dict[tuple[float, float], float], dict[str, bool]]:
+) -> tuple[list[Comparison], dict[tuple[float, float], float], list[Claimed]]:
     """Rows of a variant beside the paper's sources by their names there, our shares of time [%], and the claims."""
     rows, share = [], {}
     results = [result for result in walked.results[variant] if result.robot == "mr_go_sal"]
@@ -348,12 +388,18 @@ def _activation(
             why = _why(result, ours["ours"], theirs)
             rows.append(compare(f"{result.condition}, {shown}", ("activation", "%", 1), theirs, ours, why))
     whole = walks.complete(results)  # without a condition no claim of section 6.4 holds
-    claims = {
-        "activation is longer at 0.3 than at 0.5 m/s, without and with payload": whole
-        and all(share[load, 0.3] > share[load, 0.5] for load in (0.0, 3.0)),
-        "activation is longer with payload than without, at both speeds": whole
-        and all(share[3.0, speed] > share[0.0, speed] for speed in (0.3, 0.5)),
-    }
+    claims = [
+        (
+            "longer_when_slow",
+            "activation is longer at 0.3 than at 0.5 m/s, without and with payload",
+            whole and all(share[load, 0.3] > share[load, 0.5] for load in (0.0, 3.0)),
+        ),
+        (
+            "longer_when_loaded",
+            "activation is longer with payload than without, at both speeds",
+            whole and all(share[3.0, speed] > share[0.0, speed] for speed in (0.3, 0.5)),
+        ),
+    ]
     return rows, share, claims
 
 
@@ -366,46 +412,4 @@ def _why(result: WalkResult, ours: float, theirs: float) -> str:
         f"The gate holds a loaded calf below {GateParams().eps_hold:g} rad/s; our gait's calves stand still "
         f"{'longer' if ours > theirs else 'for less time'}: {legs.min():.0f} to {legs.max():.0f} % over the four, of a "
         f"stance of {100.0 * walk_figures.STANCE_SHARE:.0f} % (damping takes {damped:.0f} %)."
-    )
-
-
-def fig8(job: Job) -> Findings:
-    """Both pictures, and whether the torques of the front-right leg shift as the paper says; it gives no numbers."""
-    walked = walks.read(job)
-    with drawing("holding.png"):
-        walk_pictures.holding(walked.both, job.out / "holding.png")
-    with drawing("torques.png"):
-        walk_pictures.distributions(walked.both, job.out / "torques.png")
-    whole = walks.complete([r for r in walked.both if r.robot in PAIR])
-    torque = {(r.robot, *r.cell): walk_figures.torques(r) for r in walked.both if len(r.speed)}
-    cells = list(dict.fromkeys(r.cell for r in walked.both))
-
-    def shown(robot: str, cell: tuple[float, float], joint: str, name: str) -> str:
-        return f"{torque[robot, *cell][joint][name]:.1f}" if (robot, *cell) in torque else "none arrived"
-
-    def ratios(joint: str, name: str) -> list[float]:
-        return [torque["mr_go_sal", *cell][joint][name] / torque["go1", *cell][joint][name] for cell in cells]
-
-    rows = [
-        [paper.condition_name(*cell), joint, *(shown(r, cell, joint, name) for name in ("mean", "p95") for r in PAIR)]
-        for cell in cells
-        for joint in SHOWN
-    ]
-    title = f"|motor torque| [N·m], {paper.NAMES['go1']} and {paper.NAMES['mr_go_sal']}; to 0.25 N·m"
-    head = ["condition", "joint", "mean, Go1", "mean, SAL", "95 %, Go1", "95 %, SAL"]
-    return Findings(
-        claims={
-            "SAL lowers the calf's mean torque in every condition": whole and max(ratios("FR_calf", "mean")) < 1.0,
-            "SAL shortens the calf's high-torque tail (95th percentile) in every condition": whole
-            and max(ratios("FR_calf", "p95")) < 1.0,
-            f"hip and thigh stay broadly similar (means within {100.0 * SIMILAR:.0f} %)": whole
-            and all(abs(ratio - 1.0) < SIMILAR for joint in SHOWN[:2] for ratio in ratios(joint, "mean")),
-        },
-        notes=walked.arrivals("both", robots=PAIR),
-        tables=[TextTable(title=title, head=head, rows=rows)],
-        pictures={
-            "holding.png": "Figures 8(a, b): the front-right calf, holding intervals blue, damping orange",
-            "torques.png": "Figure 8(c): distributions of the front-right motors' torque, Go1 left, SAL right",
-        },
-        figures={"torque": {f"{r}, {paper.condition_name(*cell)}": value for (r, *cell), value in torque.items()}},
     )

@@ -33,13 +33,18 @@ class Variant:
     """Whether MR_Go-SAL damps too, or only holds."""
     coupling: Coupling = Coupling.EXPLICIT
     """How the devices act: by the paper's torque (eqs. 6, 19), or as a brake that sticks."""
+    as_commanded: bool = False
+    """Whether 0.3 and 0.5 m/s are commanded, or the speeds that the paper measured where it commanded these."""
+    repeated: bool = False
+    """Whether every policy walks ``rollouts`` times, or once."""
     title: str = ""
     """What it is called in notes; empty for the walks that the tables are about."""
 
 
 VARIANTS = {
     # each robot with its own policies, MR_Go-SAL's trained with the explicit torque
-    "both": Variant(robots=paper.ROBOTS),
+    "both": Variant(robots=paper.ROBOTS, repeated=True),
+    "as_commanded": Variant(robots=paper.ROBOTS, as_commanded=True, title="At 0.3 and 0.5 m/s"),
     "holding": Variant(robots=("mr_go_sal",), damping=False, title="Holding alone"),
     # the torque of eq. 19 alone leaves MR_Go's gait as it is
     "same_gait": Variant(robots=("mr_go_sal",), damping=False, title="Holding alone on MR_Go's gait"),
@@ -115,12 +120,16 @@ def lost(counts: Mapping[str, tuple[int, int, int]]) -> list[str]:
 
 
 def simulate(job: Job) -> Findings:
-    """Walk all conditions with every variant of SAL, and stand."""
+    """Walk all conditions with every variant of SAL, and stand.
+
+    Each robot is commanded the speed that the paper measured for it (table 6): a cost of transport divides by it.
+    """
     settings = job.settings
     env = make_walk_cfg(z_step=ZStep.EULER, threads=settings.threads)
     own = ensembles(settings.policies)
     policies = {
         "both": own,
+        "as_commanded": own,
         "holding": own,
         "same_gait": {"mr_go_sal": own["mr_go"]},
         "constraint_coupling": {
@@ -136,7 +145,8 @@ def simulate(job: Job) -> Findings:
     for k, (name, variant) in enumerate(VARIANTS.items()):
         actuator = replace(env.actuator, damping=variant.damping, coupling=variant.coupling)
         cfg = WalkCfg(
-            trials=counts[name] * settings.rollouts,
+            trials=counts[name] * (settings.rollouts if variant.repeated else 1),
+            commanded={} if variant.as_commanded else paper.MEASURED_SPEED,
             distance=settings.distance,
             seed=settings.seed,
             robots=variant.robots,

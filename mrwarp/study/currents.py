@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.energy import thermal
-from mrwarp.energy.power import ElectricalCfg, battery_power, cost_of_transport, motor_heat
+from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, cost_of_transport, motor_heat
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.enums import ARMS, CurrentCommand, HoldCurrent
 from mrwarp.env.cfg import EnvCfg
@@ -39,7 +39,7 @@ from mrwarp.study.plan import (
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, Variant, body_extremes
 from mrwarp.trials.statistics import half_width
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
-from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS
+from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, JOINTS
 
 COMMAND = "mrwarp study current"
 
@@ -50,6 +50,7 @@ TITLES = {
     "none": "no device (Go1)",
     "off": "device without current",
     "fixed": "gates, best fixed current",
+    "latched": "these gates, wide and latched",
     "support": "gates, support current at 200 Hz",
     "scheduled": "law at 50 Hz, latched gate",
     "learned": "policy commands the current",
@@ -69,8 +70,11 @@ SWEPT = (0.4, 0.5, 0.6, 0.75, 1.0, 1.25, 1.5)
 
 HOLD_SPEED = 1.0
 """Speed below which the devices of the arm ``learned`` may hold [rad/s], five times the paper's: whether a joint is
-held is the policy's choice, which commands no current where it wants none."""
+held is the policy's choice, which commands no current where it wants none. Those of ``latched`` have it too, and the
+latch of a commanded gate, at the current of ``fixed``: what ``learned`` saves against it is the command's alone."""
 
+WIDE = ("latched", "learned")
+"""Arms whose gates are so wide."""
 
 SETTLING = 256, 750
 """Environments and updates of the last step in which ``policies/energy`` were trained, with :data:`LEARNING` and the
@@ -128,12 +132,13 @@ def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> EnvCfg:
         ROBOT.get(arm, "mr_go_sal"), num_envs=cfg.num_envs, threads=cfg.threads, randomize="all",
         power_price=cfg.power_price,
     )  # fmt: skip
-    command = CurrentCommand(arm) if arm in ("scheduled", "learned") else CurrentCommand.FIXED
-    hold = HoldCurrent.FIXED if arm == "fixed" else HoldCurrent.SUPPORT
-    current = 0.0 if arm in ROBOT else fixed if arm == "fixed" else CURRENT_GROUPS[-1]
+    gates = ("fixed", "latched")
+    command = CurrentCommand(arm) if arm in ("latched", "scheduled", "learned") else CurrentCommand.FIXED
+    hold = HoldCurrent.FIXED if arm in gates else HoldCurrent.SUPPORT
+    current = 0.0 if arm in ROBOT else fixed if arm in gates else CURRENT_GROUPS[-1]
     return replace(
         env,
-        hold_speed=HOLD_SPEED if arm == "learned" else None,
+        hold_speed=HOLD_SPEED if arm in WIDE else None,
         currents=(current,),
         current=command,
         coil_lag=cfg.coil_lag,
@@ -239,12 +244,17 @@ def _measure(
     for (load, speed), r in results.items():
         name = f"{load:g} kg, {speed:g} m/s"
         if (load, speed) in CELLS:
-            parts = battery_power(r.joints, electrical)
-            calves = battery_power(_calves(r), electrical).copper
+            parts, borne = battery_power(r.joints, electrical), replace(r.joints, torque_square=r.braking)
+            copper = {
+                figure: _mean(battery_power(_only(load, joints), electrical).copper)
+                for figure, load, joints in (
+                    ("calves", r.joints, CALF_COLUMNS), ("calf_oracle", borne, CALF_COLUMNS),
+                    ("hips", r.joints, HIP_COLUMNS), ("hip_oracle", borne, HIP_COLUMNS),
+                )
+            }  # fmt: skip
             found[name] = {
-                "cot": _mean(_cot(r, electrical)), "power": _mean(parts.total), "coil": _mean(parts.coil),
-                "calves": _mean(calves), "v_x_rmse": _mean(r.motion["v_x_rmse"]), "held": _mean(r.hold),
-                "fell": r.fell, "late": r.late,
+                "cot": _mean(_cot(r, electrical)), "power": _mean(parts.total), "coil": _mean(parts.coil), **copper,
+                "v_x_rmse": _mean(r.motion["v_x_rmse"]), "held": _mean(r.hold), "fell": r.fell, "late": r.late,
             }  # fmt: skip
     held = [
         v
@@ -260,7 +270,7 @@ def _measure(
         "conditions": found,
         **{
             name: float(np.mean([row[name] for row in walked]))
-            for name in ("cot", "power", "coil", "calves", "v_x_rmse")
+            for name in ("cot", "power", "coil", "calves", "calf_oracle", "hips", "hip_oracle", "v_x_rmse")
         },
         "fastest": max(held, default=0.0),
         "min_height": float(extremes["min_height"].mean()),
@@ -269,11 +279,15 @@ def _measure(
     }
 
 
-def _calves(result: WalkResult) -> Any:
-    """The load of the calves' motors alone."""
-    square = np.zeros_like(result.joints.torque_square)
-    square[:, list(CALF_COLUMNS)] = result.joints.torque_square[:, list(CALF_COLUMNS)]
-    return replace(result.joints, torque_square=square)
+HIP_COLUMNS = tuple(k for k, name in enumerate(JOINTS) if name.endswith("_hip"))
+"""Joints that swing a leg to the side."""
+
+
+def _only(load: JointLoad, joints: Sequence[int]) -> JointLoad:
+    """The load of some motors alone."""
+    square = np.zeros_like(load.torque_square)
+    square[:, list(joints)] = load.torque_square[:, list(joints)]
+    return replace(load, torque_square=square)
 
 
 def _mean(values: np.ndarray) -> float:
@@ -292,12 +306,13 @@ def _rise(result: WalkResult, electrical: ElectricalCfg, heat: ThermalCfg) -> fl
 
 
 UNITS = {
-    "cot": "1", "power": "W", "coil": "W", "calves": "W", "rest": "W", "v_x_rmse": "m/s", "fastest": "m/s",
-    "min_height": "m", "peak_down_velocity": "m/s", "calf_rise": "K",
+    "cot": "1", "power": "W", "coil": "W", "calves": "W", "calf_oracle": "W", "hips": "W", "hip_oracle": "W",
+    "rest": "W", "v_x_rmse": "m/s", "fastest": "m/s", "min_height": "m", "peak_down_velocity": "m/s", "calf_rise": "K",
 }  # fmt: skip
 """Figures of an arm: means over the four conditions of table 6 of cost of transport, battery power, coils, copper of
-the calves, all else and tracking; fastest speed held; lowest trunk and peak downward velocity under the push; calves'
-rise."""
+the calves and of the hips with what of it brakes could bear at the same motion (an oracle's bound, without its coils),
+all but coils and calves, and tracking; fastest speed held; lowest trunk and peak downward velocity under the push;
+calves' rise."""
 
 
 def _value(row: Mapping[str, Any], name: str) -> float:
@@ -306,30 +321,37 @@ def _value(row: Mapping[str, Any], name: str) -> float:
 
 
 RELATIVE = ("cot", "power")
-"""Figures whose difference between arms is a share of the arm ``fixed``; of all others it has the figure's unit."""
+"""Figures whose difference between arms is a share of the other arm's; of all others it has the figure's unit."""
+
+AGAINST = {"fixed": "the fixed current", "latched": "the same with wide and latched gates"}
+"""Arms that others are compared with, seed by seed: ``latched`` with the arm ``learned`` alone, which has its gates."""
 
 AIM = 0.15
 """Share of the cost of transport that commanded coils should save against the arm ``fixed``."""
 
 
 def figures(rows: Mapping[str, Mapping[int, Mapping[str, Any]]]) -> dict[str, Any]:
-    """Mean and 95 % interval over training seeds of every figure, and of its difference to ``fixed`` seed by seed.
+    """Mean and 95 % interval over training seeds of every figure, and of its difference to another arm seed by seed.
 
-    ``against_fixed`` holds the differences; ``clear`` says that the interval leaves out zero.
+    ``against_fixed`` and ``against_latched`` hold the differences (:data:`AGAINST`); ``clear`` says that the interval
+    leaves out zero.
     """
     found: dict[str, Any] = {}
     for arm, by_seed in rows.items():
         found[arm] = {name: _interval([_value(row, name) for row in by_seed.values()]) for name in UNITS}
-        both = [seed for seed in by_seed if seed in rows.get("fixed", {})]
-        if arm == "fixed" or not both:
-            continue
-        found[arm]["against_fixed"] = {}
-        for name in UNITS:
-            own, fixed = (np.array([_value(rows[of][seed], name) for seed in both]) for of in (arm, "fixed"))
-            change = _interval(own / fixed - 1.0 if name in RELATIVE else own - fixed)
-            clear = len(both) > 1 and abs(change["mean"]) > change["half_width"]
-            found[arm]["against_fixed"][name] = {**change, "clear": clear}
+        for other in AGAINST:
+            both = [seed for seed in by_seed if seed in rows.get(other, {})]
+            if both and arm != other and (other == "fixed" or arm == "learned"):
+                pairs = [(by_seed[seed], rows[other][seed]) for seed in both]
+                found[arm][f"against_{other}"] = {name: _difference(pairs, name) for name in UNITS}
     return found
+
+
+def _difference(pairs: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], name: str) -> dict[str, Any]:
+    """A figure's difference between two arms, a pair of rows for each seed."""
+    own, other = np.array([[_value(row, name) for row in pair] for pair in pairs]).T
+    change = _interval(np.divide(own, other) - 1.0 if name in RELATIVE else np.subtract(own, other))
+    return {**change, "clear": len(own) > 1 and abs(change["mean"]) > change["half_width"]}
 
 
 def _interval(values: Sequence[float] | np.ndarray) -> dict[str, Any]:
@@ -345,18 +367,17 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     head = ("arm", *(f"{name} [{unit}]" for name, unit in UNITS.items()))
     text = [f"best fixed current {found['best_fixed']:g} A"]
     for part in (found, *found["more_prices"]):
-        own, against = [], []
-        for arm, by_name in part["arms"].items():
-            own.append((TITLES[arm], *(_cell(name, by_name[name]) for name in UNITS)))
-            if change := by_name.get("against_fixed"):
-                against.append((TITLES[arm], *(_change(name, change[name]) for name in UNITS)))
+        own = [(TITLES[arm], *(_cell(name, figure[name]) for name in UNITS)) for arm, figure in part["arms"].items()]
         text += [
             "",
             f"{part['power_price']:g} per W; mean ± half width of the 95 % interval over {len(part['seeds'])} seeds",
             *text_table(head, own),
         ]
-        if against:
-            text += ["against the fixed current, seed by seed; * leaves out zero", *text_table(head, against)]
+        for other, title in AGAINST.items():
+            changes = {arm: of[f"against_{other}"] for arm, of in part["arms"].items() if f"against_{other}" in of}
+            against = [(TITLES[arm], *(_change(name, of[name]) for name in UNITS)) for arm, of in changes.items()]
+            if against:
+                text += [f"against {title}, seed by seed; * leaves out zero", *text_table(head, against)]
     return text
 
 
@@ -376,8 +397,8 @@ def _with_half(value: Mapping[str, Any], form: str, sign: str) -> str:
 
 
 COLOURS = {
-    "none": "0.45", "off": "#7a4fa3", "support": "#c98b3c", "fixed": "#b4451f", "scheduled": "#3a8f3a",
-    "learned": "#1f6fb4",
+    "none": "0.45", "off": "#7a4fa3", "support": "#c98b3c", "fixed": "#b4451f", "latched": "#d4a017",
+    "scheduled": "#3a8f3a", "learned": "#1f6fb4",
 }  # fmt: skip
 
 

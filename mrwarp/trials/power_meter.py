@@ -25,11 +25,22 @@ SHOWN = tuple(JOINTS.index(f"FR_{segment}") for segment in ("hip", "thigh", "cal
 JOINT = "FR_calf"
 """The calf that is recorded, the paper's."""
 
+STANCE = ("foot off the ground", "loaded, before it is held", "held", "loaded, after it was held")
+"""What the calf :data:`JOINT` does while a torque step is counted, in the order of a stride."""
+
+STANDING = 0.2
+"""Speed below which a joint stands, so that a brake could hold what its motor holds [rad/s]: eps_hold of eq. 8."""
+
 STRIDES = 2
 """Strides that are kept, the first after the warm-up."""
 
 CHANNELS = ("f_foot", "q_des", "q", "qd", "tau_motor", "tau_mr", "current", "m_hold", "m_dyn")
 """What is recorded [N, rad, rad, rad/s, N·m, N·m, A, 1, 1]."""
+
+
+def torque_of_bins() -> np.ndarray:
+    """Torque |tau| at the middle of each bin of a distribution [N·m], shape (bins,)."""
+    return np.abs((np.arange(round(2.0 * RANGE / BIN)) + 0.5) * BIN - RANGE)
 
 
 class PowerMeter:
@@ -41,8 +52,11 @@ class PowerMeter:
     Attributes:
         on: Environments that are counted, bool, shape (E,); write it between policy steps.
         seconds: Counted time [s], shape (E,).
+        braking: Mean of the squared motor torque where a brake at the joint could bear it instead, because the motor
+            takes power from the joint or the joint stands (:data:`STANDING`) [(N·m)^2], shape (E, J).
         hold, dynamic: Share of that time with open gates, shape (E, M).
         counts: Torque steps by motor torque of the :data:`SHOWN` joints, shape (E, 3, bins).
+        stance: The same of the calf :data:`JOINT` by :data:`STANCE`, shape (E, 4, bins); 0 where it has no device.
     """
 
     def __init__(self, env: WalkEnv) -> None:
@@ -54,9 +68,14 @@ class PowerMeter:
         count = env.num_envs
         self.on = torch.zeros(count, dtype=torch.bool, device=env.device)
         self._steps = zeros(count)
-        self._sums = {name: zeros(count, env.q.shape[1]) for name in ("square", "speed", "out", "in")}
+        self._sums = {name: zeros(count, env.q.shape[1]) for name in ("square", "braking", "speed", "out", "in")}
         self._sums |= {name: zeros(count, len(self._mr)) for name in ("coil", "friction", "hold", "dynamic")}
         self.counts = zeros(count, len(SHOWN), round(2.0 * RANGE / BIN)).float()
+        self.stance = zeros(count, len(STANCE), self.counts.shape[2]).float()
+        joint = JOINTS.index(JOINT)
+        self._slot = self._mr.index(joint) if joint in self._mr else None
+        self._load, self._threshold = env.f_foot[:, leg_of(JOINT)], env.view(actuator.param("f_th"))
+        self._was_held = torch.zeros_like(self.on)
         env.substep_hooks.append(self.count)
 
     @torch.no_grad()
@@ -66,11 +85,15 @@ class PowerMeter:
         power = self._tau * self._qd
         self._steps += on[:, 0]
         self._sums["square"] += on * self._tau.square()
+        bearable = (power <= 0.0) | (self._qd.abs() < STANDING)
+        self._sums["braking"] += on * bearable * self._tau.square()
         self._sums["speed"] += on * self._qd.abs()
         self._sums["out"] += on * power.clamp(min=0.0)
         self._sums["in"] += on * (-power).clamp(min=0.0)
         bins = ((self._tau[:, SHOWN] + RANGE) / BIN).long().clamp(0, self.counts.shape[2] - 1)
         self.counts.scatter_add_(2, bins.unsqueeze(2), on.float().unsqueeze(2).expand(-1, len(SHOWN), 1))
+        if self._slot is not None:
+            self._count_stance(bins[:, SHOWN.index(self._mr[self._slot])], self._slot)
         if self._mr:
             device = self._device
             self._sums["coil"] += torch.where(self.on[:, None], coil_loss(device["current"], self._resistance), 0.0)
@@ -79,9 +102,18 @@ class PowerMeter:
             # without current the dynamic gate does nothing but keep the drag
             self._sums["dynamic"] += on * device["m_dyn"] * (self._current_e > 0.0).unsqueeze(1)
 
+    def _count_stance(self, bins: torch.Tensor, slot: int) -> None:
+        """Add the step of the calf :data:`JOINT`, whose torque lies in ``bins``, shape (E,)."""
+        held = self._device["m_hold"][:, slot] > 0.0
+        loaded = held | (self._load > self._threshold[:, slot])
+        self._was_held = loaded & (self._was_held | held)
+        part = loaded.long() + held.long() + 2 * (self._was_held & ~held).long()
+        at = (part * self.stance.shape[2] + bins).unsqueeze(1)
+        self.stance.view(len(part), -1).scatter_add_(1, at, self.on.float().unsqueeze(1))
+
     def clear(self) -> None:
         """Forget what was counted."""
-        for total in (*self._sums.values(), self.counts, self._steps):
+        for total in (*self._sums.values(), self.counts, self.stance, self._steps):
             total.zero_()
 
     @property
@@ -95,6 +127,11 @@ class PowerMeter:
             torque_square=self._mean("square"), speed=self._mean("speed"), work_out=self._mean("out"),
             work_in=self._mean("in"), coil=self._mean("coil"), friction=self._mean("friction"),
         )  # fmt: skip
+
+    @property
+    def braking(self) -> np.ndarray:
+        """Mean squared motor torque that a brake could bear [(N·m)^2], shape (E, J)."""
+        return self._mean("braking")
 
     @property
     def hold(self) -> np.ndarray:

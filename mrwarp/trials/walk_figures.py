@@ -14,7 +14,7 @@ from mrwarp.energy.model_numbers import MeasuredPower
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, copper, cost_of_transport
 from mrwarp.params import MrParams
 from mrwarp.trials.mission import MissionTrace, PhaseLoad
-from mrwarp.trials.power_meter import BIN, RANGE, SHOWN
+from mrwarp.trials.power_meter import SHOWN, torque_of_bins
 from mrwarp.trials.statistics import ratio_sd, spread
 from mrwarp.trials.walk_trials import WalkResult
 from mrwarp.usd.robot import CALF_COLUMNS, JOINTS, LEGS
@@ -82,7 +82,7 @@ def parts(joints: JointLoad, cfg: ElectricalCfg) -> dict[str, float]:
 
 def torques(result: WalkResult) -> dict[str, dict[str, float]]:
     """Figures of the distribution of |motor torque| of the front-right joints [N·m]; to half a bin, 0.25 N·m."""
-    centres, percents = np.abs((np.arange(result.counts.shape[1]) + 0.5) * BIN - RANGE), (5, 25, 50, 75, 95, 99)
+    centres, percents = torque_of_bins(), (5, 25, 50, 75, 95, 99)
     found = {}
     for joint, counts in zip(SHOWN, result.counts, strict=True):
         if not counts.any():

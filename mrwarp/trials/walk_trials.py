@@ -64,6 +64,9 @@ class WalkCfg:
     """Loads on the back [kg]; 0 is the asset's variant without payload, all others its payload with another mass."""
     speeds: tuple[float, ...] = (0.3, 0.5)
     """Commanded speeds [m/s]."""
+    commanded: Mapping[tuple[str, float, float], float] = field(default_factory=dict)
+    """Speed that is commanded instead [m/s], by robot, payload and speed of a condition, which keeps its name: where
+    another robot's command took it to another speed, as ``paper.MEASURED_SPEED``."""
     trials: int = 3
     """Repetitions per condition, from random poses and gait phases."""
     distance: float = 30.0
@@ -89,6 +92,8 @@ class WalkCfg:
             raise ValueError(f"payloads = {self.payloads} kg must not be negative")
         if not self.speeds or min(self.speeds) <= 0.0:
             raise ValueError(f"speeds = {self.speeds} m/s must be positive")
+        if self.commanded and not min(self.commanded.values()) > 0.0:
+            raise ValueError(f"commanded = {dict(self.commanded)} m/s must be positive")
         if self.trials < 1:
             raise ValueError(f"trials = {self.trials} must be at least 1")
         for name in ("robots", "payloads", "speeds"):
@@ -119,12 +124,17 @@ class WalkResult:
     """Time over the distance [s], shape (n,)."""
     motion: dict[str, np.ndarray]
     """Figures of :class:`mrwarp.trials.power_meter.MotionMeter`, each of shape (n,)."""
+    braking: np.ndarray
+    """Mean squared motor torque [(N·m)^2] that a brake at the joint could bear, shape (n, J); see
+    :class:`mrwarp.trials.power_meter.PowerMeter`."""
     hold: np.ndarray
     """Share of time with the holding gate open, shape (n, M)."""
     dynamic: np.ndarray
     """Share of time with the dynamic gate open, shape (n, M)."""
     counts: np.ndarray
     """Distribution of the FR motors' torques, see :class:`mrwarp.trials.power_meter.PowerMeter`, shape (3, bins)."""
+    stance: np.ndarray
+    """The FR calf's part of it by :data:`mrwarp.trials.power_meter.STANCE`, shape (4, bins); 0 without a device."""
     fell: int
     """Trials that fell."""
     late: int
@@ -200,7 +210,8 @@ class WalkBatch:
         sal = [robot == "mr_go_sal" for robot, _ in self.conditions]
         self._per_env(env.current_e, [cfg.current if on else 0.0 for on in sal])
         self.command = torch.zeros(count, 3, device=env.device)
-        self._per_env(self.command[:, 0], [speed for _, speed in self.conditions])
+        asked = (cfg.commanded.get((robot, payload, speed), speed) for robot, speed in self.conditions)
+        self._per_env(self.command[:, 0], list(asked))
         if cfg.derate is not None:
             cfg.derate(env, robots)
         self.meter = PowerMeter(env)
@@ -260,9 +271,11 @@ class WalkBatch:
                 trial=done - rows[0],
                 seconds=seconds[done],
                 motion={name: values[done] for name, values in figures.items()},
+                braking=meter.braking[done],
                 hold=meter.hold[done],
                 dynamic=meter.dynamic[done],
                 counts=meter.counts[done].sum(0).cpu().numpy(),
+                stance=meter.stance[done].sum(0).cpu().numpy(),
                 fell=int(fell[rows].sum()),
                 late=int(late[rows].sum()),
                 trace=self.recorder.trace(i),

@@ -1,5 +1,6 @@
 """Who commands the coils: the law against eq. 18, the policy's actions, and an environment that has both."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,15 @@ def test_the_law_holds_12_times_the_need_of_a_slow_joint_and_gives_all_to_a_fast
     assert within.sum() > 50
     np.testing.assert_allclose(holds[within], hold.safety_factor * need[within], rtol=2e-4)
     np.testing.assert_allclose(learned, np.clip(0.5 * (1.0 + e), 0.0, 1.5), rtol=1e-6)
+
+
+def test_latched_gates_are_commanded_all_that_is_allowed() -> None:
+    """I_e of each environment at every device, without further actions."""
+    cfg = make_walk_cfg(num_envs=4, current=CurrentCommand.LATCHED, randomize="none")
+    env = WalkEnv(replace(cfg, currents=(0.5, 1.0)))
+    assert env.num_actions == 12
+    env.step(torch.zeros(4, 12))
+    assert env.arrays.current_command.tolist() == [[0.5] * 4] * 2 + [[1.0] * 4] * 2
 
 
 def test_the_policy_commands_what_flows() -> None:

@@ -8,6 +8,7 @@ from mrwarp.reproduce import pages
 from mrwarp.reproduce.cache import Runner
 from mrwarp.reproduce.registry import CATALOGUE
 from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.verdicts import Results
 
 pytestmark = pytest.mark.slow
 
@@ -51,8 +52,8 @@ def test_predictions_come_again(tmp_path: Path) -> None:
     runner.run(("predictions",))
     found = runner.outcomes["predictions"].findings
     assert found is not None, runner.outcomes["predictions"].message
-    committed = next(t for t in pages.read()["parts"]["predictions"]["tables"] if t["title"].startswith("Frozen"))
-    now = next(t for t in found.tables if t.title.startswith("Frozen"))
+    committed = Results(pages.read()["parts"]).table("predictions", "frozen")
+    (now,) = found.tables
     verdicts = {tuple(row[:2]): row[-1] for row in now.rows}
     moved = [row[:2] for row in committed["rows"] if verdicts[tuple(row[:2])] != row[-1]]
     assert len(moved) <= 2, moved

@@ -35,7 +35,8 @@ def made(
     """What an entry finds in these missions."""
     found = missions.Mission(
         **{"traces": traces, "electrical": ElectricalCfg(), "thermal": ThermalCfg(), "battery": BatteryCfg(),
-           "misfit": 16.0, "held": 0.43, "arrivals": [], **changed}
+           "misfit": 16.0, "held": 0.43, "arrivals": [],
+           "loaded": {"0.002": (1.0, 20.0), "nothing": (6.0, 20.0)}, **changed}
     )  # fmt: skip
     monkeypatch.setattr(missions, "read", lambda job: found)
     return entry(Job(settings=Settings(), out=tmp_path))
@@ -136,3 +137,10 @@ def test_a_change_has_the_spread_of_both_robots(monkeypatch: pytest.MonkeyPatch,
 
 CHANGE = "MR_Go to MR_Go-SAL, depletion"
 """Condition of a row of figure 10."""
+
+
+def test_cool_hips_are_explained_by_the_price(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The same robot's walks by policies that pay and that do not stand in one sentence."""
+    reasons = made(fig11, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS}).reasons
+    shares = "5 % where policies pay 0.002 per watt and 30 % where policies pay nothing per watt"
+    assert shares in reasons["mission.all_heat"]

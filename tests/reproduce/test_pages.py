@@ -8,13 +8,15 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.paper import TITLES
 from mrwarp.reproduce import pages
-from mrwarp.reproduce.claims import Results
+from mrwarp.reproduce.verdicts import Results
 from mrwarp.run_dir import plain
 
 ROW = {"condition": "a", "quantity": "x", "unit": "m", "paper": {"mean": 1.0, "sd": None}, "ours": 0.123456789}
 PART = {
-    "rows": [{**ROW, "sd": 0.5, "n": 3, "calibrated": True, "digits": 2, "why": "because"}],
+    "rows": [{**ROW, "sd": 0.5, "n": 3, "seeds": [1 / 3], "calibrated": True, "digits": 2, "why": "because"}],
     "claims": {"it holds": True},
+    "claim_ids": {"it": "it holds"},
+    "reasons": {"drop/height": "because"},
     "tables": [],
 }
 
@@ -25,7 +27,7 @@ def test_committed_pages_are_those_of_the_committed_results() -> None:
 
 
 def test_collected_results_keep_figures_alone(tmp_path: Path) -> None:
-    """Six digits, no reasons; command and versions beside. Another run adds its entries."""
+    """Six digits, without reasons of rows; command and versions beside. Another run adds its entries."""
     (tmp_path / "run").mkdir()
     (tmp_path / "docs/results").mkdir(parents=True)
     result = {"parts": {"table2": PART}, "command": "mrwarp reproduce table2 --out x", "versions": {"mrwarp": "1"}}
@@ -34,6 +36,7 @@ def test_collected_results_keep_figures_alone(tmp_path: Path) -> None:
     row = found["parts"]["table2"]["rows"][0]
     assert row["ours"] == 0.123457 and "why" not in row
     part = found["parts"]["table2"]
+    assert row["seeds"] == [0.333333] and part["claim_ids"] == {"it": "it holds"} and part["reasons"]
     assert part["command"] == "mrwarp reproduce table2" and part["versions"] == {"mrwarp": "1"}
     (tmp_path / "run/result.json").write_text(json.dumps(plain({**result, "parts": {"table3": PART, "walks": PART}})))
     pages.collect((tmp_path / "run",), tmp_path)
@@ -122,8 +125,8 @@ def test_strengths_stand_around_the_shipped_networks() -> None:
     head = ["effects", *rmse, "below Bouc-Wen [%]", "below LSTM [%]", "below MLP [%]", "lowest"]
     strengths = ("the paper's device", "times 0.5", "times 2")
     table = {"head": head, "rows": [[text, *"1234567", "yes"] for text in strengths]}
-    claims = {"PG-RLSTM has the lowest error at each current": False}
-    parts = {"fig4": {"rows": rows, "claims": claims}, "fig4_strengths": {"tables": [table]}}
+    claims = {"claims": {"it is lowest": False}, "claim_ids": {"pg_rlstm_lowest": "it is lowest"}}
+    parts = {"fig4": {"rows": rows, **claims}, "fig4_strengths": {"tables": [table]}}
     lines = pages._strengths(Results(parts)).splitlines()
     assert [line.split(" | ")[0] for line in lines[2:]] == [
         "| the paper's device", "| times 0.5", "| times 1", "| times 2"

@@ -7,10 +7,13 @@ from pathlib import Path
 import pytest
 
 from mrwarp.reproduce import pages, predictions
-from mrwarp.reproduce.claims import Results
 from mrwarp.reproduce.predictions import Known, Prediction, between, interval
+from mrwarp.reproduce.verdicts import Results
 
-ONE = Prediction(condition="5 kg", quantity="COT", unit="", digits=2, centre=3.0, half_width=0.5)
+WIDE = Prediction(condition="5 kg", quantity="COT", unit="", digits=2, centre=3.0, half_width=0.5)
+"""2.5 to 3.5: a third of its value."""
+
+NARROW = replace(WIDE, half_width=0.3)
 
 
 def test_interval_is_students_over_seeds() -> None:
@@ -42,15 +45,27 @@ def test_the_rule_covers_every_part_and_is_frozen_once(tmp_path: Path) -> None:
 
 def test_what_is_no_longer_made_is_withdrawn() -> None:
     """It neither counts nor waits."""
-    gone = replace(ONE, condition=f"{predictions.WITHDRAWN} 50 N, 0 A")
-    found = predictions.findings([(ONE, 3.4), (gone, None)])
+    gone = replace(NARROW, condition=f"{predictions.WITHDRAWN} 50 N, 0 A")
+    found = predictions.findings([(NARROW, 3.2), (gone, None)])
     assert found.tables[0].rows[1][-1] == "withdrawn"
-    assert found.tables[0].title == "Frozen before they were run: 1 of 1 hit their 90 % interval"
+    title = found.tables[0].title
+    assert "1 of 1 hit their 90 % interval" in title and "not run yet" not in title
 
 
 def test_misses_are_told() -> None:
     """Outside, and where no robot arrived."""
-    found = predictions.findings([(ONE, 3.4), (ONE, 3.6), (ONE, math.nan), (ONE, None)])
+    found = predictions.findings([(NARROW, 3.2), (NARROW, 3.6), (NARROW, math.nan), (NARROW, None)])
     assert [row[-1] for row in found.tables[0].rows] == ["hit", "missed", "missed", "not run yet"]
-    assert found.tables[0].title == "Frozen before they were run: 1 of 3 hit their 90 % interval, 1 are not run yet"
+    assert "1 of 3 hit their 90 % interval" in found.tables[0].title and "1 are not run yet" in found.tables[0].title
     assert list(found.claims.values()) == [False]
+
+
+def test_a_wide_interval_is_said_to_prove_little() -> None:
+    """One of a third of its value, or about zero, beside one of a fifth; a miss stays a miss."""
+    about_zero = replace(WIDE, centre=0.0, half_width=0.01)
+    found = predictions.findings([(WIDE, 3.4), (WIDE, 3.6), (about_zero, 0.0), (NARROW, 3.2), (NARROW, 3.4)])
+    assert [row[-1] for row in found.tables[0].rows] == [
+        "hit, proves little", "missed", "hit, proves little", "hit", "missed"
+    ]  # fmt: skip
+    assert "3 intervals are wider than 25 %" in found.tables[0].title
+    assert "of the 2 others 1 hit" in found.tables[0].title

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +22,13 @@ def test_arms_differ_in_who_commands_the_coils() -> None:
     envs = {arm: arm_env(CurrentsCfg(), arm, 0.5) for arm in ARMS}
     assert len({str(env.rewards) for env in envs.values()}) == 1 and {e.coil_lag for e in envs.values()} == {0.01}
     assert {arm: env.current for arm, env in envs.items() if env.current is not CurrentCommand.FIXED} == {
+        "latched": CurrentCommand.LATCHED,
         "scheduled": CurrentCommand.SCHEDULED,
         "learned": CurrentCommand.LEARNED,
     }
     assert envs["fixed"].currents == (0.5,) and envs["fixed"].actuator.hold_current is HoldCurrent.FIXED
+    assert replace(envs["latched"], current=CurrentCommand.FIXED, hold_speed=None) == envs["fixed"]
+    assert envs["latched"].hold_speed == envs["learned"].hold_speed == 1.0 and envs["scheduled"].hold_speed is None
     assert envs["none"].robot == "go1" and envs["off"].currents == (0.0,)
 
 
@@ -41,6 +45,12 @@ def test_intervals_are_over_seeds_and_paired() -> None:
     assert against["cot"]["half_width"] == pytest.approx(half)
     assert against["v_x_rmse"]["mean"] == 0.0 and not against["v_x_rmse"]["clear"]
     assert "against_fixed" not in found["fixed"]
+    others = figures(
+        {arm: {s: {**row, "cot": c} for s, c in enumerate(cots["fixed"])} for arm in ("latched", "scheduled")}
+        | {"learned": {s: {**row, "cot": c} for s, c in enumerate(cots["learned"])}}
+    )
+    assert others["learned"]["against_latched"]["cot"]["mean"] == pytest.approx(change.mean())
+    assert "against_latched" not in others["scheduled"], "its gates are the paper's"
     single = figures({arm: {0: {**row, "cot": values[0]}} for arm, values in cots.items()})
     assert not single["learned"]["against_fixed"]["cot"]["clear"], "one seed has no interval"
     whole = {"best_fixed": 0.5, "arms": found, "power_price": 0.01, "seeds": [0, 1, 2]}

@@ -128,7 +128,7 @@ def sensitivity(job: Job) -> Findings:
     """The push of table 4 with one of the gates' thresholds at a time varied: reductions at both ends of its range."""
     settings, policies = job.settings, len(job.settings.impacted)
     duration = push_rule.chosen(push_rule.read(job).zeros).duration
-    pusher, rows, claims, notes = push_rule.Pusher(settings), [], {}, []
+    pusher, rows, claims, ids, notes = push_rule.Pusher(settings), [], {}, {}, []
     variants = tuple(Variant(current=v.current, params=v.params) for v in threshold_variants(CURRENT_GROUPS[-1]))
     for k, reading in enumerate((LITERAL, JOINT)):
         job.report(reading.name, k / 2.0)
@@ -160,10 +160,14 @@ def sensitivity(job: Job) -> Findings:
             if name != "f_th":
                 claims[f"a larger {title} weakens the {REDUCED['drop'][0]}{column}"] = span[name, "drop"] < 0.0
         drops = {name: abs(value) for (name, quantity), value in span.items() if quantity == "drop"}
-        claims[f"the contact threshold matters least for the drop{column}"] = drops["f_th"] <= min(drops.values())
+        least = f"the contact threshold matters least for the drop{column}"
+        claims[least] = drops["f_th"] <= min(drops.values())
+        if reading == LITERAL:
+            ids["contact_threshold_matters_least"] = least
     return Findings(
         rows=rows,
         claims=claims,
+        claim_ids=ids,
         notes=[
             f"Push of table 4 ({duration:.2f} s), {settings.impacts} pushes per policy. Each policy's reductions are "
             "relative to its own drop and torque without current; changes over a range are paired within a policy.",

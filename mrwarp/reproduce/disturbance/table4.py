@@ -126,6 +126,7 @@ def _zeros(found: Pushes) -> TextTable:
         title="The row of 0 A by the duration of the push",
         head=["push [s]", "onset [m]", "drop [m]", "speed [m/s]", "FL peak torque [N·m]", "score"],
         rows=[["paper, not stated", *theirs, ""], *rows],
+        id="zero",
     )
 
 
@@ -158,6 +159,7 @@ def _readings(found: Pushes) -> TextTable:
             "fell",
         ],  # fmt: skip
         rows=rows,
+        id="readings",
     )
 
 
@@ -185,6 +187,7 @@ def _knees() -> TextTable:
             "peak motor torque [%]",
         ],  # fmt: skip
         rows=rows,
+        id="knees",
     )
 
 
@@ -203,6 +206,7 @@ def _bound(dropped: Drops) -> TextTable:
         title="Falling mass on devices that slide at a torque, changes against none [%]",
         head=["contact", "sliding torque [N·m]", "minimum height", "peak speed", "|a_z - g|", "FR", "RL"],
         rows=[["paper, hardware", "", *(f"{value:+.1f}" for value in theirs)], *rows],
+        id="bound",
     )
 
 

@@ -51,7 +51,8 @@ def compute(job: Job) -> Findings:
             ends += [(end[cell], name, end["value"], branches) for end in entries for cell in nominal]
         rows.append(["paper", "", *(_percent(theirs[cell]) for cell in nominal)])
         title = f"Reduction of COT by SAL [%], {branches}"
-        tables.append(TextTable(title=title, head=["number", "value", *nominal], rows=rows))
+        name = branches.replace(" ", "_")
+        tables.append(TextTable(title=title, head=["number", "value", *nominal], rows=rows, id=name))
         figures[branches] = {"nominal": nominal, "varied": varied}
     span = ""
     if ends:

@@ -1,0 +1,1 @@
+"""What motors draw and carry while walking: where the power of table 6 and the torque of figures 8 and 11 come from."""
