@@ -21,6 +21,13 @@ _PAPER_BW = "paper section 4.2, identified coefficients of eqs. 14 and 15"
 _PAPER_HOLD = "paper section 4.4, pre-yield fit of eq. 18"
 _PAPER_GATE = "paper section 3.2, nominal dynamic-gate thresholds"
 
+_MOST_TORQUE = 1e6
+"""Largest torque of a device [N·m], and per unit of what else it depends on: a larger one is in another unit."""
+_STEEPEST = 1e9
+"""Largest rate of eq. 15 [1/rad]: the loop of dry friction, over on a path below the rounding of an angle."""
+_MOST_GAIN = _MOST_TORQUE * _STEEPEST
+"""Largest K0 and K1: what a device bears is their ratio to the rate, and that alone is bounded."""
+
 
 class ParameterError(ValueError):
     """A parameter is missing, misspelt, not a number or out of its range; the message says which, and the remedy."""
@@ -92,24 +99,25 @@ class BoucWenParams(ParamGroup):
     ``dz/dt = qd - beta*|qd|*z - gamma*qd*|z|`` and ``q_c = q - q_neutral - (q_offset + q_center)``.
 
     Raises:
-        ParameterError: a value is out of range, or ``beta + gamma <= 0`` (then z would grow without bound).
+        ParameterError: a value or the torque of slow sliding is out of range, or ``beta + gamma <= 0`` (then z would
+            grow without bound).
     """
 
     q_neutral: float = param(
         -1.5, "rad", -3.2, 3.2, "neutral stance pose of mrwarp/usd/robot.py",
         "Joint angle from which the displacement q_c is measured.",
     )  # fmt: skip
-    q_offset: float = param(2.39638101e-4, "rad", -1.0, 1.0, _PAPER_BW, "Encoder offset of the bench.")
-    q_center: float = param(-1.51224291e-17, "rad", -1.0, 1.0, _PAPER_BW, "Centre of the bench's motion.")
-    D: float = param(-0.01917639, "N·m", -50.0, 50.0, _PAPER_BW, "Constant torque bias.")
-    B: float = param(0.1013626, "N·m·s/rad", 0.0, 100.0, _PAPER_BW, "Viscous coefficient.")
-    C: float = param(0.2160456, "N·m/rad", -100.0, 100.0, _PAPER_BW, "Stiffness about q_c = 0.")
-    I1: float = param(-7.681742e-4, "N·m/A", -50.0, 50.0, _PAPER_BW, "Direct current term.")
-    K0: float = param(0.3992754, "N·m/rad", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain without current.")
-    K1: float = param(10.413315, "N·m/(rad·A)", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain per ampere.")
-    alpha: float = param(0.7777051, "s/rad", 0.0, 100.0, _PAPER_BW, "Speed weakening of the hysteretic part.")
-    beta: float = param(16.50618, "1/rad", 0.0, 1e4, _PAPER_BW, "Loop-shape coefficient.")
-    gamma: float = param(-10.53036, "1/rad", -1e4, 1e4, _PAPER_BW, "Loop-shape coefficient.")
+    q_offset: float = param(2.39638101e-4, "rad", -1e4, 1e4, _PAPER_BW, "Encoder offset of the bench.")
+    q_center: float = param(-1.51224291e-17, "rad", -1e4, 1e4, _PAPER_BW, "Centre of the bench's motion.")
+    D: float = param(-0.01917639, "N·m", -_MOST_TORQUE, _MOST_TORQUE, _PAPER_BW, "Constant torque bias.")
+    B: float = param(0.1013626, "N·m·s/rad", 0.0, _MOST_TORQUE, _PAPER_BW, "Viscous coefficient.")
+    C: float = param(0.2160456, "N·m/rad", -_MOST_TORQUE, _MOST_TORQUE, _PAPER_BW, "Stiffness about q_c = 0.")
+    I1: float = param(-7.681742e-4, "N·m/A", -_MOST_TORQUE, _MOST_TORQUE, _PAPER_BW, "Direct current term.")
+    K0: float = param(0.3992754, "N·m/rad", 0.0, _MOST_GAIN, _PAPER_BW, "Hysteresis gain without current.")
+    K1: float = param(10.413315, "N·m/(rad·A)", 0.0, _MOST_GAIN, _PAPER_BW, "Hysteresis gain per ampere.")
+    alpha: float = param(0.7777051, "s/rad", 0.0, 1e6, _PAPER_BW, "Speed weakening of the hysteretic part.")
+    beta: float = param(16.50618, "1/rad", 0.0, _STEEPEST, _PAPER_BW, "Loop-shape coefficient.")
+    gamma: float = param(-10.53036, "1/rad", -_STEEPEST, _STEEPEST, _PAPER_BW, "Loop-shape coefficient.")
     z_max: float = param(
         5.0, "rad", 0.0, 1e3, "paper section 4.3, bound of the integrated state", "Clip on |z| of the Euler step."
     )
@@ -121,6 +129,12 @@ class BoucWenParams(ParamGroup):
                 f"BoucWenParams: need beta + gamma > 0 1/rad, got {self.beta:g} + {self.gamma:g}; "
                 "raise beta or gamma, else z has no bound"
             )
+        for name, unit in (("K0", "N·m"), ("K1", "N·m/A")):
+            if getattr(self, name) > _MOST_TORQUE * (self.beta + self.gamma):
+                raise ParameterError(
+                    f"BoucWenParams: {name}/(beta + gamma) = {getattr(self, name) * self.z_bound:g} {unit}, the torque "
+                    f"of slow sliding; allowed: up to {_MOST_TORQUE:g} {unit}; lower {name}, or raise beta or gamma"
+                )
 
     @property
     def z_bound(self) -> float:
@@ -141,7 +155,7 @@ class BoucWenParams(ParamGroup):
 class HoldParams(ParamGroup):
     """Pre-yield holding law, eqs. 18 and 19: ``tau_y(I) = T_max*I^n/(K^n + I^n)``."""
 
-    T_max: float = param(26.59697, "N·m", 1e-6, 1e6, _PAPER_HOLD, "Saturation torque.")
+    T_max: float = param(26.59697, "N·m", 1e-6, _MOST_TORQUE, _PAPER_HOLD, "Saturation torque.")
     K: float = param(0.51272, "A", 1e-6, 1e3, _PAPER_HOLD, "Current at half of T_max.")
     n: float = param(2.87967, "1", 0.1, 20.0, _PAPER_HOLD, "Exponent of the current-torque curve.")
     safety_factor: float = param(
@@ -168,7 +182,7 @@ class HoldParams(ParamGroup):
         """
         n, top = 1.3, max(abs(current), 1e-3)
         field = math.tanh(saturation * top) / saturation if saturation else top
-        T_max = min(max(bouc_wen.sliding_torque(field) * (1.0 + 1.5**n), 1e-6), 1e6)
+        T_max = min(max(bouc_wen.sliding_torque(field) * (1.0 + 1.5**n), 1e-6), _MOST_TORQUE)
         return {"T_max": T_max, "K": 1.5 * top, "n": n}
 
 

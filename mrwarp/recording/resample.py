@@ -175,16 +175,16 @@ def _on_grid(part: dict[str, np.ndarray], dt: float, odd: np.ndarray, row: int, 
 
 
 def _resampled(name: str, t: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """A column at other times: a commanded control input is held, a measured one taken linearly.
+    """A column at other times: a commanded control input is that of the nearest sample, a measured one linear.
 
     All else goes by local cubics, which hardly overshoot. A command stays as it is from most samples to the next, and
-    was never between two of its levels.
+    was never between two of its levels. It changed somewhere between the two samples that show it: halfway on average.
+    Held until the stamp of the second, it would come half an interval late, and a coil's lag out as much too small.
     """
     if name != "current":
         return Akima1DInterpolator(t, x)(grid)
     if 2 * np.count_nonzero(np.diff(x)) < len(x):
-        first = 1e-6 * (grid[1] - grid[0])  # a grid point at a stamp may lie a rounding before it
-        return x[np.maximum(np.searchsorted(t, grid + first, side="right") - 1, 0)]
+        return x[np.searchsorted(0.5 * (t[1:] + t[:-1]), grid)]
     return np.interp(grid, t, x)
 
 

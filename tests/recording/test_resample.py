@@ -160,7 +160,7 @@ def test_two_typical_intervals_are_resampled(kinds: tuple[float, float], share: 
     grid = piece.columns["t"]
     assert not gaps and len(grid) == len(t) and piece.filled == 0 and np.ptp(np.diff(grid)) < 1e-12
     assert np.abs(piece.columns["q"] - np.sin(7.0 * grid)).max() < 2e-3
-    # a command is held: no level that was never asked for, and each as it was at that time, up to the stamps
+    # a command keeps its levels: none that was never asked for, and each as it was at that time, up to the stamps
     assert np.isin(piece.columns["current"], levels).all()
     wrong = piece.columns["current"] != levels[(grid / 0.31).astype(int) % 7]
     assert wrong.mean() < 0.06
@@ -182,3 +182,23 @@ def test_jitter_of_a_quarter_of_an_interval_loses_no_samples(tick: float | None)
     (piece,), _ = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": np.zeros(n)})
     assert np.mean(np.diff(piece.columns["t"])) == pytest.approx(2e-3, rel=1e-3) and piece.filled <= 1
     assert np.abs(piece.columns["q"] - np.sin(7.0 * piece.columns["t"])).max() < 3e-5
+
+
+@pytest.mark.parametrize("jitter", [0.05e-3, 0.3e-3])
+def test_a_command_does_not_come_late_by_resampling(jitter: float) -> None:
+    """On average a step lies in the middle of the two samples that show it, on the grid as in the log.
+
+    Each lies anywhere between its two samples: the mean of S steps is known to dt/sqrt(12 S), here 0.03 of an interval.
+    Held until the stamp of the second sample it was half an interval late.
+    """
+    rng, dt, n = np.random.default_rng(8), 2e-3, 12_000
+    t = np.arange(n) * dt + rng.uniform(-jitter, jitter, n)
+    steps = np.sort(rng.uniform(0.1, n * dt - 0.1, 400))
+    steps = steps[np.diff(steps, prepend=0.0) > 3.0 * dt]
+    current = np.searchsorted(steps, t, side="right") % 2
+    t[n // 2] += 0.6 * dt  # one that came late, so that the run is resampled
+    (piece,), _ = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": current.astype(float)})
+    seen = np.flatnonzero(np.diff(piece.columns["current"])) + 0.5
+    assert piece.moved and len(seen) == len(steps)
+    late = (np.interp(seen, np.arange(len(piece.columns["t"])), piece.columns["t"]) - steps).mean() / dt
+    assert abs(late) < 0.1

@@ -57,6 +57,7 @@ def random_model(rng: np.random.Generator) -> Model:
         values[spec.name] = number(spec.low, spec.high)
     if values["beta"] + values["gamma"] <= 0.0:
         values |= {"beta": 1 / 3, "gamma": -0.1}
+    values |= {name: min(values[name], 9e5 * (values["beta"] + values["gamma"])) for name in ("K0", "K1")}
     parameters = {}
     for name, value in values.items():
         below, above = ((0.0, 0.0), (1e300, 5e-324), rng.exponential(size=2).tolist(), (1e-12, 1e9))[rng.integers(4)]
@@ -278,7 +279,7 @@ def entry(*keys: Any, to: Any) -> Callable[[dict], str]:
         (entry("model", "parameters", "D", "value", to=float("nan")), "parameters.D.value = nan .. finite"),
         (entry("model", "parameters", "D", "value", to=10**400), "parameters.D.value = 1000000"),
         (entry("model", "parameters", "D", "value", to="1"), "parameters.D.value = '1' .. finite"),
-        (entry("model", "parameters", "D", "value", to=51.0), "D = 51 .. -50 to 50 N·m"),
+        (entry("model", "parameters", "D", "value", to=1.1e6), "D = 1.1e+06 .. -1e+06 to 1e+06 N·m"),
         (entry("model", "parameters", "D", "ci95", to=[1, 2]), "parameters.D.ci95 = [1.0, 2.0]"),
         (entry("model", "parameters", "\x1b[2J", to={}), "parameters.'\\x1b[2J'"),
         (entry("model", "units", "q", to="deg"), "convert .. unit"),
