@@ -31,14 +31,12 @@ def _table3(quantity: str) -> Measure:
 
 def _effect(quantity: str) -> Measure:
     """What each current changes against 0 A in table 4 with the paper's torque."""
-    return rows(
-        "table4", f"change of {quantity}", *(f"{a} A against 0 A: the paper's torque" for a in ("0.5", "1", "1.5"))
-    )
+    return rows("table4", f"change of {quantity}", *(f"{a} A against 0 A" for a in ("0.5", "1", "1.5")))
 
 
 CURRENTS = ("0 A", "0.5 A", "1 A", "1.5 A")
 
-PUSHED, DROPPED = "push, {}", "drop of 10 kg, {}, the paper's torque"
+PUSHED, DROPPED = "push, {}", "drop of 10 kg, {}"
 """Conditions of table 4's rows with the paper's torque."""
 
 LONGER = (("table7", "longer_when_slow"), ("table7", "longer_when_loaded"))
@@ -241,10 +239,7 @@ CLAIMS = (
         place="Figure 7",
         says="0 to 1.5 A: mean motor torque over 0.1 s, FR, RL [%]",
         measure=change(
-            "fig7",
-            "calf motor torque",
-            *((f"{leg}, 0 A, the paper's torque", f"{leg}, 1.5 A, the paper's torque") for leg in ("FR", "RL")),
-            paired=True,
+            "fig7", "calf motor torque", *((f"{leg}, 0 A", f"{leg}, 1.5 A") for leg in ("FR", "RL")), paired=True
         ),
         effect=True,
         why="The hardware's spread is wide; half of ours is holding, and a brake that sticks takes more.",

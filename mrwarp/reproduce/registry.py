@@ -28,8 +28,8 @@ TRAININGS = (CONVENTIONAL, AWARE)
 
 
 def _impacts(seconds: float) -> Callable[[Settings], float]:
-    """Time of impacts [s], of which the report has 12 for each of three policies."""
-    return lambda settings: seconds * (0.15 + 0.85 * len(settings.impacted) * settings.impacts / 36.0)
+    """Time of impacts [s], of which the report has 12 for each of five policies."""
+    return lambda settings: seconds * (0.15 + 0.85 * len(settings.impacted) * settings.impacts / 60.0)
 
 
 def _walks(seconds: float, length: str, usual: float) -> Callable[[Settings], float]:
@@ -72,7 +72,7 @@ _ALL = (
         name="drops",
         compute=drop_trials.simulate,
         settings=IMPACTS,
-        files=lambda: study_files(TRAININGS),
+        files=lambda: [*study_files(TRAININGS), *study_files(TRAININGS, folder=BRAKE)],
         seconds=_impacts(40.0),
     ),
     Experiment(name="table4", compute=table4.compute, needs=("pushes", "drops")),

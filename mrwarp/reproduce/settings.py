@@ -52,7 +52,7 @@ class Settings:
     policies: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(ENERGY, ENERGY_SEEDS))
     """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike, MR_Go-SAL's
     with the paper's explicit torque."""
-    impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC))
+    impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC, SEEDS))
     """Policies of MR_Go-SAL under pushes and falling masses, one per training seed, with the gains of their
     training."""
     aware: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, AWARE))

@@ -35,10 +35,11 @@ def fig7(job: Job) -> Findings:
     dropped = drop_trials.read(job)
     found, seeds = dropped.figures, dropped.seeds()
     rows, lower = [], {}
-    for name, values in found.items():
+    for drop in DROPS:
+        values = found[drop.name]
         for leg, theirs in paper.FIGURE_7.items():
             fall = np.nanmean(values[leg][-1]) / np.nanmean(values[leg][0]) - 1.0
-            lower.setdefault(name, []).append(bool(fall < 0.0))
+            lower.setdefault(drop.column, []).append(bool(fall < 0.0))
             hardware = theirs[1.5].mean / theirs[0.0].mean - 1.0
             why = (
                 "The gains behind the hardware's torques are not stated; current changes ours by "
@@ -46,12 +47,12 @@ def fig7(job: Job) -> Findings:
             )
             for amps, cell in theirs.items():
                 ours = over_seeds(values[leg][CURRENT_GROUPS.index(amps)], seeds)
-                rows.append(compare(f"{leg}, {amps:g} A, {name}", TORQUE, cell, ours, why))
+                rows.append(compare(f"{leg}, {amps:g} A{drop.column}", TORQUE, cell, ours, why))
     with drawing("torque.png"):
         _plot_drop({drop.name: found[drop.name] for drop in COLUMNS}, seeds, job)
     return Findings(
         rows=rows,
-        claims={f"1.5 A lower the torque of FR and RL, {drop.name}": all(lower[drop.name]) for drop in DROPS},
+        claims={f"1.5 A lower the torque of FR and RL{column}": all(each) for column, each in lower.items()},
         notes=drop_trials.lost(found.values()),
         pictures={
             "torque.png": "Mean calf motor torque over 0.1 s by leg and current; diamonds: the paper's FR and RL"
@@ -91,7 +92,6 @@ def table5(job: Job) -> Findings:
             name: {q: float(np.nanmean(found[training][q][sal])) for q in STRUCK}
             for name, (training, sal) in CONFIGURATIONS.items()
         }
-        column = "" if drop == COLUMNS[0] else f", {drop.name}"
         for name, (training, sal) in CONFIGURATIONS.items():
             off, on = ("A", "B") if training == CONVENTIONAL else ("C", "D")
             for quantity, shown in STRUCK.items():
@@ -101,14 +101,14 @@ def table5(job: Job) -> Findings:
                     f"SAL changes it by {100.0 * ours:+.1f} % here and by {100.0 * hardware:+.1f} % on hardware, whose "
                     "contact and sensors differ."
                 )
-                condition, figures = f"{name}: {training}, SAL {'on' if sal else 'off'}{column}", found[training]
+                condition, figures = f"{name}: {training}, SAL {'on' if sal else 'off'}{drop.column}", found[training]
                 figure = over_seeds(figures[quantity][sal], seeds)
                 rows.append(compare(condition, shown, paper.TABLE_5[name][quantity], figure, why))
         less = {q: {pair: means[pair[1]][q] < means[pair[0]][q] for pair in ("AB", "CD", "BD")} for q in STRUCK}
         claims |= {
-            f"with SAL on, actuator-aware training lowers |a_z - g| (B to D){column}": less["acceleration"]["BD"],
-            f"and both motors' torque{column}": less["FR"]["BD"] and less["RL"]["BD"],
-            f"SAL lowers |a_z - g| of both{column}": all(less["acceleration"][pair] for pair in ("AB", "CD")),
+            f"with SAL on, actuator-aware training lowers |a_z - g| (B to D){drop.column}": less["acceleration"]["BD"],
+            f"and both motors' torque{drop.column}": less["FR"]["BD"] and less["RL"]["BD"],
+            f"SAL lowers |a_z - g| of both{drop.column}": all(less["acceleration"][pair] for pair in ("AB", "CD")),
         }
     return Findings(
         rows=rows,

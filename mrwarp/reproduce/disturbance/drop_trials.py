@@ -15,10 +15,11 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Findings, seeds_of
+from mrwarp.reproduce.comparison import BRAKE, Findings, seeds_of
 from mrwarp.reproduce.disturbance.push_rule import fallen
 from mrwarp.reproduce.settings import Ensemble, Settings, study_files, trained_gains
-from mrwarp.study.plan import AWARE, CONVENTIONAL
+from mrwarp.study.plan import AWARE, CONVENTIONAL, STUDY
+from mrwarp.study.plan import BRAKE as BRAKE_POLICIES
 from mrwarp.trials import impact
 from mrwarp.trials.falling_mass import MassCfg, contact_stiffness
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, body_extremes
@@ -53,6 +54,11 @@ class Drop:
         """In words."""
         text = [JOINT if self.brake else LITERAL] + ["rigid contact"] * self.rigid
         return ", ".join(text + ["damping alone"] * (not self.holding))
+
+    @property
+    def column(self) -> str:
+        """End of the conditions of its rows; the paper's equations have none."""
+        return {LITERAL: "", JOINT: BRAKE}.get(self.name, f"; {self.name}")
 
 
 COLUMNS = (Drop(), Drop(brake=True))
@@ -153,8 +159,8 @@ def simulate(job: Job) -> Findings:
     struck = {}
     for training in (CONVENTIONAL, AWARE):
         job.report(training, 0.8)
-        dropper = Dropper(settings, study_files((training,)))
         for drop in COLUMNS:
+            dropper = Dropper(settings, study_files((training,), folder=BRAKE_POLICIES if drop.brake else STUDY))
             struck[f"{training}, {drop.name}"] = dropper.drop(drop, (currents[0], currents[-1]))
     return job.save(
         Drops(

@@ -52,7 +52,6 @@ def fig6(job: Job) -> Findings:
     rows, lower = [], {}
     for reading in (LITERAL, JOINT):
         trace = found.traces[reading.name]
-        column = "" if reading == LITERAL else f", {reading.name}"
         for leg, theirs in paper.FIGURE_6_PUSH.items():
             k = LEGS.index(leg)
             gate = first_opening(trace["m_dyn"][LAST, :, :, k] > 0.0)
@@ -60,18 +59,21 @@ def fig6(job: Job) -> Findings:
             for kind in ("mean", "peak"):
                 with_current, without = (policy_means(each[kind], found.policies) for each in (on, off))
                 change = over_seeds(100.0 * (with_current / without - 1.0))
-                lower.setdefault(column, []).append(change["ours"] < 0.0)
+                lower.setdefault(reading.column, []).append(change["ours"] < 0.0)
                 reference = theirs[kind] / (1.0 + theirs[f"{kind}_change"])
                 why = f"Without current ours is {np.nanmean(without):.1f} N·m, the paper's {reference:.1f} N·m."
                 taken = "The device takes over what it has beyond its own drag, see the readings of table 4."
                 name = f"{leg}, {kind}"
                 rows += [
-                    compare(f"{name}, 1.5 A{column}", TORQUE, theirs[kind], over_seeds(with_current), why),
+                    compare(f"{name}, 1.5 A{reading.column}", TORQUE, theirs[kind], over_seeds(with_current), why),
                     compare(
-                        f"{name}, 0 to 1.5 A{column}", ("change", "%", 1), 100.0 * theirs[f"{kind}_change"], change,
+                        f"{name}, 0 to 1.5 A{reading.column}",
+                        ("change", "%", 1),
+                        round(100.0 * theirs[f"{kind}_change"], 1),
+                        change,
                         taken,
                     ),
-                ]  # fmt: skip
+                ]
     shown = found.traces[LITERAL.name]
     with drawing("torque.png"):
         _plot_push(shown, job)
@@ -133,7 +135,7 @@ def sensitivity(job: Job) -> Findings:
     for k, reading in enumerate((LITERAL, JOINT)):
         job.report(reading.name, k / 2.0)
         trace = pusher.push(reading, variants, duration)
-        column = "" if reading == LITERAL else f", {reading.name}"
+        column = reading.column
         notes += push_rule.fallen(trace.fell, f"pushes{column}")
         if reading == LITERAL:
             with drawing("thresholds.png"):

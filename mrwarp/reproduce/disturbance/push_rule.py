@@ -19,7 +19,7 @@ from mrwarp import paper
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Findings
+from mrwarp.reproduce.comparison import BRAKE, Findings
 from mrwarp.reproduce.settings import Ensemble, Settings, trained_gains
 from mrwarp.trials import impact
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, body_extremes
@@ -81,6 +81,11 @@ class Reading:
         text = ["brake constraint" if self.brake else "the paper's torque"]
         text += ["both branches"] * self.holding + ["PG-RLSTM"] * self.learned
         return ", ".join(text + ["raw angle"] * self.raw + ["no drag at 0 A"] * self.free)
+
+    @property
+    def column(self) -> str:
+        """End of the conditions of its rows; the paper's equations have none."""
+        return {LITERAL: "", JOINT: BRAKE}.get(self, f"; {self.name}")
 
     def variant(self, amps: float) -> Variant:
         """The device at a current [A]."""
@@ -187,6 +192,20 @@ def zero_rows(pusher: Pusher) -> list[ZeroRow]:
     return rows
 
 
+def duration_effects(pusher: Pusher) -> list[dict[str, np.ndarray]]:
+    """What 1.5 A change against 0 A [%] in each of :data:`CELLS`, shape (policies,), by :data:`DURATIONS`.
+
+    Of the paper's torque; it stands next to the rows of 0 A and chooses nothing.
+    """
+    pairs = [Variant(current=amps, duration=duration) for duration in DURATIONS for amps in (0.0, CURRENT_GROUPS[-1])]
+    cells = body_extremes(pusher.push(LITERAL, tuple(pairs), DURATIONS[0]))
+    policies = len(pusher.settings.impacted)
+    found = {cell: [by_policy(row, policies) for row in values] for cell, values in cells.items()}
+    return [
+        {cell: 100.0 * (rows[k + 1] / rows[k] - 1.0) for cell, rows in found.items()} for k in range(0, len(pairs), 2)
+    ]
+
+
 EQUAL = 0.01
 """Relative difference of scores that counts as none: a push that outlasts the fall changes them by less."""
 
@@ -235,6 +254,8 @@ class Pushes:
 
     zeros: list[ZeroRow]
     """What the duration was chosen among."""
+    durations: list[dict[str, np.ndarray]]
+    """:func:`duration_effects`."""
     results: list[PushResult]
     """Of all :data:`READINGS`."""
     traces: dict[str, dict[str, np.ndarray]]
@@ -269,7 +290,7 @@ def simulate(job: Job) -> Findings:
         )
         if reading in (LITERAL, JOINT):
             traces[reading.name] = {name: getattr(trace, name) for name in SERIES}
-    return job.save(Pushes(zeros=zeros, results=results, traces=traces))
+    return job.save(Pushes(zeros=zeros, durations=duration_effects(pusher), results=results, traces=traces))
 
 
 def read(job: Job) -> Pushes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,11 +29,12 @@ def compute(job: Job) -> Findings:
     found, dropped = push_rule.read(job), drop_trials.read(job)
     rows = [row for amps in CURRENT_GROUPS for reading in (LITERAL, JOINT) for row in _pushed(found, reading, amps)]
     rows += [row for result in found.results for row in _effects(result)]
-    for name, values in dropped.figures.items():
+    for drop in drop_trials.DROPS:
+        values = dropped.figures[drop.name]
         for i, amps in enumerate(CURRENT_GROUPS):
             for cell, quantity in TITLES.items():
                 ours, theirs = over_seeds(values[cell][i], dropped.seeds()), paper.TABLE_4["hardware"][amps][cell]
-                condition = f"drop of {paper.IMPACTOR['mass']:g} kg, {amps:g} A, {name}"
+                condition = f"drop of {paper.IMPACTOR['mass']:g} kg, {amps:g} A{drop.column}"
                 rows.append(compare(condition, quantity, theirs, ours, _dropped(values, cell)))
     with drawing("table4.png"):
         _plot(found, dropped, job)
@@ -72,7 +74,7 @@ def _pushed(found: Pushes, reading: push_rule.Reading, amps: float) -> list[Comp
     )
     return [
         compare(
-            condition(amps, reading),
+            f"push, {amps:g} A{reading.column}",
             quantity,
             paper.TABLE_4["simulation"][amps][cell],
             over_seeds(found.of(reading).row(cell, amps)),
@@ -83,11 +85,6 @@ def _pushed(found: Pushes, reading: push_rule.Reading, amps: float) -> list[Comp
     ]
 
 
-def condition(amps: float, reading: push_rule.Reading) -> str:
-    """As a row of the push is called."""
-    return f"push, {amps:g} A" + ("" if reading == LITERAL else f", {reading.name}")
-
-
 def _effects(result: PushResult) -> list[Comparison]:
     """What each current changes against 0 A, each policy against itself."""
     rows, theirs = [], paper.TABLE_4["simulation"]
@@ -96,7 +93,7 @@ def _effects(result: PushResult) -> list[Comparison]:
             change = 100.0 * (theirs[amps][cell].mean / theirs[0.0][cell].mean - 1.0)
             rows.append(
                 compare(
-                    f"{amps:g} A against 0 A: {result.reading.name}",
+                    f"{amps:g} A against 0 A{result.reading.column}",
                     (f"change of {title}", "%", 1),
                     round(change, 1),
                     over_seeds(result.effect(cell, amps)),
@@ -119,30 +116,47 @@ def _zeros(found: Pushes) -> TextTable:
     wanted = push_rule.papers_zero()
     rows = [
         [f"{z.duration:g}", f"{z.onset:.3f}", f"{z.drop:.3f}", f"{z.speed:.3f}", f"{z.peak:.1f}", f"{z.score:.3f}"]
-        for z in found.zeros
+        + [_with_sd(over_seeds(effects[cell])) for cell in TITLES]
+        for z, effects in zip(found.zeros, found.durations, strict=True)
     ]
     theirs = [f"{push_rule.HEIGHT:.3f}", f"{wanted['drop']:.3f}", f"{wanted['speed']:.3f}", f"{wanted['peak']:.1f}"]
     return TextTable(
-        title="The row of 0 A by the duration of the push",
-        head=["push [s]", "onset [m]", "drop [m]", "speed [m/s]", "FL peak torque [N·m]", "score"],
-        rows=[["paper, not stated", *theirs, ""], *rows],
+        title="The row of 0 A by the duration of the push; what 1.5 A change chooses nothing",
+        head=[
+            "push [s]",
+            "onset [m]",
+            "drop [m]",
+            "speed [m/s]",
+            "FL peak torque [N·m]",
+            "score",
+            "height at 1.5 A [%]",
+            "speed [%]",
+        ],  # fmt: skip
+        rows=[["paper, not stated", *theirs, "", *(_papers(cell, CURRENTS[-1:]) for cell in TITLES)], *rows],
         id="zero",
     )
+
+
+def _papers(cell: str, currents: Sequence[float]) -> str:
+    """The paper's changes from 0 A [%]."""
+    theirs = paper.TABLE_4["simulation"]
+    return ", ".join(f"{100.0 * (theirs[a][cell].mean / theirs[0.0][cell].mean - 1.0):+.1f}" for a in currents)
+
+
+def _with_sd(effect: Mapping[str, Any]) -> str:
+    return f"{effect['ours']:+.1f} ± {effect['sd'] or 0.0:.1f}"
 
 
 def _readings(found: Pushes) -> TextTable:
     """What each reading gives."""
     theirs = paper.TABLE_4["simulation"]
 
-    def papers(cell: str) -> str:
-        return ", ".join(f"{100.0 * (theirs[a][cell].mean / theirs[0.0][cell].mean - 1.0):+.1f}" for a in CURRENTS)
-
     def ours(result: PushResult, cell: str) -> str:
-        effects = [over_seeds(result.effect(cell, amps)) for amps in CURRENTS]
-        return ", ".join(f"{e['ours']:+.1f}" for e in effects) + f" ± {effects[-1]['sd'] or 0.0:.1f}"
+        *lower, last = (over_seeds(result.effect(cell, amps)) for amps in CURRENTS)
+        return ", ".join([*(f"{e['ours']:+.1f}" for e in lower), _with_sd(last)])
 
     level = [f"{abs(theirs[0.0][cell].mean):.3f}" for cell in TITLES]
-    rows = [["paper", *level, *(papers(cell) for cell in TITLES), "yes", ""]]
+    rows = [["paper", *level, *(_papers(cell, CURRENTS) for cell in TITLES), "yes", ""]]
     for result in found.results:
         level = [f"{abs(float(result.row(cell, 0.0).mean())):.3f}" for cell in TITLES]
         effects = [ours(result, cell) for cell in TITLES]

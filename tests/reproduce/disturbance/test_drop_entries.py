@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import BRAKE
 from mrwarp.reproduce.disturbance import drop_entries, drop_trials
 from mrwarp.reproduce.disturbance.drop_trials import COLUMNS, DROPS
 from mrwarp.reproduce.settings import Settings
@@ -56,7 +57,7 @@ def test_table5_has_two_columns(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     monkeypatch.setattr(drop_trials, "read", lambda job: dropped())
     found = drop_entries.table5(Job(settings=Settings(), out=tmp_path))
     ours = {(row.condition, row.quantity): row.ours for row in found.rows}
-    for column in ("", ", brake constraint"):
+    for column in ("", BRAKE):
         off, on = (
             ours[f"C: {AWARE}, SAL off{column}", "mean |a_z - g|"],
             ours[f"D: {AWARE}, SAL on{column}", "mean |a_z - g|"],

@@ -39,7 +39,12 @@ def pushed(torque: np.ndarray | None = None, level: float = 1.1) -> push_rule.Pu
         "t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape), "fell": np.zeros((4, TRIALS), dtype=bool),
     }  # fmt: skip
     zeros = [push_rule.ZeroRow(duration=0.3, onset=0.33, **push_rule.papers_zero())]
-    return push_rule.Pushes(zeros=zeros, results=results, traces={LITERAL.name: trace, JOINT.name: trace})
+    return push_rule.Pushes(
+        zeros=zeros,
+        durations=[{cell: np.ones(3) for cell in push_rule.CELLS}],
+        results=results,
+        traces={LITERAL.name: trace, JOINT.name: trace},
+    )
 
 
 def made(entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: push_rule.Pushes) -> Findings:
@@ -59,7 +64,7 @@ def test_figure6_is_a_ratio_of_means(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     for leg in PAIR:
         for kind in ("mean", "peak"):
             assert ours[f"{leg}, {kind}, 0 to 1.5 A"] == pytest.approx(100.0 * (18.09 / 20.1 - 1.0))
-    assert all(found.claims.values()) and f"FL, mean, 1.5 A, {JOINT.name}" in ours
+    assert all(found.claims.values()) and f"FL, mean, 1.5 A{JOINT.column}" in ours
 
 
 def test_the_first_opening_ends_when_the_gate_closes() -> None:
@@ -78,9 +83,9 @@ def test_table4_has_two_columns_and_every_effect(monkeypatch: pytest.MonkeyPatch
     found = made(table4.compute, monkeypatch, tmp_path, pushed())
     rows = {(row.condition, row.quantity): row for row in found.rows}
     for reading in push_rule.READINGS:
-        effect = rows[f"1.5 A against 0 A: {reading.name}", "change of minimum height"]
+        effect = rows[f"1.5 A against 0 A{reading.column}", "change of minimum height"]
         assert effect.ours == pytest.approx(paper.IMPACT_CHANGE["min_height"]["push"], abs=0.06)
-    for column in ("", f", {JOINT.name}"):
+    for column in ("", JOINT.column):
         assert rows[f"push, 0 A{column}", "minimum height"].calibrated
         assert not rows[f"push, 1.5 A{column}", "minimum height"].calibrated
         assert rows[f"push, 1.5 A{column}", "minimum height"].ours == pytest.approx(1.1 * 0.2124)

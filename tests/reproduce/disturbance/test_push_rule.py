@@ -2,6 +2,8 @@
 
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from mrwarp.reproduce import settings as settings_module
 from mrwarp.reproduce.disturbance import push_rule
 from mrwarp.reproduce.disturbance.push_rule import JOINT, LITERAL, Reading, ZeroRow, chosen
 from mrwarp.reproduce.settings import Settings, trained_gains
+from mrwarp.trials.impact import Variant
 from mrwarp.usd.robot import LEGS, TROT_PHASE
 
 
@@ -74,6 +77,25 @@ def test_gains_are_those_of_the_training(monkeypatch: pytest.MonkeyPatch) -> Non
     assert trained_gains([Path("c"), Path("d")]) is None
     with pytest.raises(ValueError, match="different gains"):
         trained_gains([Path("a"), Path("c")])
+
+
+def test_every_duration_has_its_own_reference() -> None:
+    """A push twice as long halves all heights; 1.5 A raise each by a tenth, at any duration."""
+
+    class Pusher:
+        settings = Settings()
+
+        def push(self, reading: Reading, variants: tuple[Variant, ...], duration: float) -> SimpleNamespace:
+            size = np.array([(1.1 if v.current else 1.0) / (v.duration or duration) for v in variants])
+            trials = np.tile(np.linspace(1.0, 2.0, len(self.settings.impacted)), 2)
+            series = size[:, None, None] * trials[:, None] * np.ones(3)
+            return SimpleNamespace(height=series, velocity=-series)
+
+    found = push_rule.duration_effects(cast("push_rule.Pusher", Pusher()))
+    assert len(found) == len(push_rule.DURATIONS)
+    for effects in found:
+        for cell in push_rule.CELLS:
+            assert effects[cell] == pytest.approx([10.0] * len(Pusher.settings.impacted))
 
 
 @pytest.mark.parametrize("policies", [1, 3, 5])
