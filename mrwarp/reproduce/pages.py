@@ -428,6 +428,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "table4_zero": _part_table("table4", "zero"),
     "table4_readings": _part_table("table4", "readings"),
     "table4_knees": _part_table("table4", "knees"),
+    "table4_falls": _part_table("table4", "falls"),
     "table4_bound": _part_table("table4", "bound"),
     "table6_training": _part_table("table6", "training"),
     "table6_closed": _part_table("table6", "closed_form"),

@@ -12,6 +12,7 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
 from mrwarp.reproduce.disturbance import drop_trials, push_rule, two_knees
 from mrwarp.reproduce.disturbance.drop_trials import Drops
+from mrwarp.reproduce.disturbance.push_entries import policy_means
 from mrwarp.reproduce.disturbance.push_rule import JOINT, LITERAL, Pushes, PushResult
 from mrwarp.runtime import drawing, panels
 from mrwarp.usd.robot import CURRENT_GROUPS
@@ -59,7 +60,7 @@ def compute(job: Job) -> Findings:
             ),
             *drop_trials.lost(dropped.figures.values()),
         ],
-        tables=[_zeros(found), _readings(found), _knees(), _bound(dropped)],
+        tables=[_zeros(found), _readings(found), _knees(), _falls(dropped), _bound(dropped)],
         pictures={"table4.png": "Both figures over the current: ours (lines), the paper's (marks)"},
         figures={"duration": zero.duration},
     )
@@ -137,9 +138,9 @@ def _zeros(found: Pushes) -> TextTable:
     )
 
 
-def _papers(cell: str, currents: Sequence[float]) -> str:
+def _papers(cell: str, currents: Sequence[float], source: str = "simulation") -> str:
     """The paper's changes from 0 A [%]."""
-    theirs = paper.TABLE_4["simulation"]
+    theirs = paper.TABLE_4[source]
     return ", ".join(f"{100.0 * (theirs[a][cell].mean / theirs[0.0][cell].mean - 1.0):+.1f}" for a in currents)
 
 
@@ -202,6 +203,36 @@ def _knees() -> TextTable:
         ],  # fmt: skip
         rows=rows,
         id="knees",
+    )
+
+
+def _falls(dropped: Drops) -> TextTable:
+    """What current changes under the falling mass in every way to drop it, each policy against itself."""
+
+    def change(values: np.ndarray, k: int) -> str:
+        zero, now = (policy_means(values[place], dropped.policies) for place in (0, k))
+        return _with_sd(over_seeds(100.0 * (now / zero - 1.0)))
+
+    rows = []
+    for drop in drop_trials.DROPS:
+        values = dropped.figures[drop.name]
+        cells = [", ".join(change(values[cell], k) for k in range(1, len(CURRENT_GROUPS))) for cell in TITLES]
+        legs = [change(values[leg], len(CURRENT_GROUPS) - 1) for leg in paper.FIGURE_7]
+        rows.append([drop.name, f"{abs(float(np.nanmean(values['peak_down_velocity'][0]))):.3f}", *cells, *legs])
+    theirs = [f"{100.0 * (cells[1.5].mean / cells[0.0].mean - 1.0):+.1f}" for cells in paper.FIGURE_7.values()]
+    level = f"{abs(paper.TABLE_4['hardware'][0.0]['peak_down_velocity'].mean):.3f}"
+    papers = ["paper, hardware", level, *(_papers(cell, CURRENTS, "hardware") for cell in TITLES), *theirs]
+    return TextTable(
+        title="Falling mass with current, changes against 0 A",
+        head=[
+            "reading",
+            "0 A: speed [m/s]",
+            "height at 0.5, 1, 1.5 A [%]",
+            "speed [%]",
+            *(f"{leg}'s motor at 1.5 A [%]" for leg in paper.FIGURE_7),
+        ],
+        rows=[papers, *rows],
+        id="falls",
     )
 
 
