@@ -12,7 +12,7 @@ half width is that of a 90 % interval by Student's t over training seeds, of whi
   * 5 kg on the back: a line in the load through 0 and 3 kg (the trainings ended at 3.5 kg).
   * A gait of 2 Hz: by similarity the angles at 2 Hz and a speed v are those at 1.5 Hz and 3/4 v, 4/3 times as fast, so
     that eps_hold counts as 3/4 of it; the support branch's row of 0.15 rad/s, as a line in the speed.
-  * A lighter falling mass: the speed after a plastic impact, m/(m + M) of its own.
+  * A lighter falling mass on the same pad: by momentum the robot's speed is in proportion to m/(m + M).
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.claims import CELLS, DROPPED, TRAINED
 from mrwarp.reproduce.comparison import Findings, TextTable, identified, over_seeds, seeds_of
 from mrwarp.reproduce.disturbance import drop_trials
+from mrwarp.reproduce.disturbance.drop_trials import Drop
 from mrwarp.reproduce.settings import Ensemble, NotYet, ensembles
 from mrwarp.reproduce.verdicts import Results, change
 from mrwarp.resources import POLICIES
@@ -45,11 +46,10 @@ from mrwarp.study import paper_tables
 from mrwarp.study.plan import AWARE, CONVENTIONAL, policy_file
 from mrwarp.study.rollouts import EvaluationCfg
 from mrwarp.trials import walk_figures
-from mrwarp.trials.falling_mass import MassCfg
-from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant, fixed_current_env
+from mrwarp.trials.impact import ImpactSweep, Variant
 from mrwarp.trials.walk_trials import WalkCfg, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT
-from mrwarp.usd.robot import GAIT_FREQUENCY, PUBLIC_GAINS
+from mrwarp.usd.robot import GAIT_FREQUENCY
 
 UNSEEN = POLICIES / "unseen"
 """Policies of the new seeds, and the frozen intervals."""
@@ -75,9 +75,9 @@ PACE, PACED = 2.0, (0.4, 0.5)
 LIGHT = 5.0
 """Falling mass [kg]."""
 
-WITHDRAWN = "push of"
-"""Beginning of the conditions that were frozen for a reading of table 4 that is no longer made: motors of Kp 12 under
-policies of Kp 20, whose intervals were as wide as half of the value. They are neither run nor counted."""
+WITHDRAWN = ("push of", "drop of")
+"""Beginnings of the conditions that were frozen for policies that are no longer shipped, and for readings of table 4
+that are no longer made. They are neither run nor counted."""
 
 METRICS = {
     "v_x_rmse": ("v_x RMSE", "m/s", 3),
@@ -182,10 +182,16 @@ def freeze(found: Results) -> list[Prediction]:
             add(f"{PACE:g} Hz, {paper.condition_name(0.0, speed)}", quantity, between(slow, fast, share))
     body, heavy = paper.MASS["mr_go"], paper.IMPACTOR["mass"]
     slowed = (LIGHT / (LIGHT + body)) / (heavy / (heavy + body))
-    for amps in (0.0, 1.5):
-        known = row("table4", DROPPED.format(f"{amps:g} A"), SPEED[0]).times(slowed)
-        add(f"drop of {LIGHT:g} kg, {amps:g} A", SPEED, known)
+    for drop in drop_trials.COLUMNS:
+        for amps in (0.0, 1.5):
+            known = row("table4", DROPPED.format(f"{amps:g} A") + drop.column, SPEED[0]).times(slowed)
+            add(_falls(drop, amps), SPEED, known)
     return made
+
+
+def _falls(drop: Drop, amps: float) -> str:
+    """Condition of the lighter falling mass."""
+    return f"{LIGHT:g} kg fall, {amps:g} A{drop.column}"
 
 
 def _saved(row: Any, k: int) -> Known:
@@ -358,20 +364,13 @@ def _walked(job: Job) -> Came:
 
 def _dropped(job: Job) -> Came:
     """The falling mass of table 4's hardware, lighter."""
-    settings, currents = job.settings, (0.0, 1.5)
-    cfg = ImpactCfg(
-        kind=ImpactKind.DROP,
-        variants=tuple(Variant(current=amps) for amps in currents),
-        trials=len(settings.impacted) * settings.impacts,
-        gains=PUBLIC_GAINS,
-        mass=MassCfg(mass=LIGHT),
-        env=fixed_current_env(z_step=ZStep.EULER, threads=settings.threads),
-        phases=drop_trials.PHASES,
-        seed=settings.seed + 1,
-    )
-    values = drop_trials.measured(ImpactSweep(cfg, Ensemble(settings.impacted)).run())["peak_down_velocity"]
-    seeds = seeds_of(np.arange(cfg.trials), len(settings.impacted))
-    return {
-        (f"drop of {LIGHT:g} kg, {amps:g} A", SPEED[0]): over_seeds(values[k], seeds)["ours"]
-        for k, amps in enumerate(currents)
-    }
+    settings, paths, found = job.settings, job.settings.impacted, {}
+    currents = (0.0, 1.5)
+    for drop in drop_trials.COLUMNS:
+        cfg = drop_trials.config(drop, settings, paths, tuple(Variant(current=amps) for amps in currents))
+        cfg = replace(cfg, mass=replace(cfg.mass, mass=LIGHT), seed=settings.seed + 1)
+        values = drop_trials.measured(ImpactSweep(cfg, Ensemble(paths)).run())["peak_down_velocity"]
+        seeds = seeds_of(np.arange(cfg.trials), len(paths))
+        for amps, row in zip(currents, values, strict=True):
+            found[_falls(drop, amps), SPEED[0]] = over_seeds(row, seeds)["ours"]
+    return found

@@ -39,13 +39,13 @@ def test_the_rule_covers_every_part_and_is_frozen_once(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="is frozen"):
         predictions.write(found, tmp_path)
     keys = [(each.condition, each.quantity) for each in predictions.read()]
-    assert len(keys) == len(set(keys)) == 36
+    assert len(keys) == len(set(keys)) == 40
     assert all(each.half_width > 0.0 for each in predictions.read())
 
 
 def test_what_is_no_longer_made_is_withdrawn() -> None:
     """It neither counts nor waits."""
-    gone = replace(NARROW, condition=f"{predictions.WITHDRAWN} 50 N, 0 A")
+    gone = replace(NARROW, condition=f"{predictions.WITHDRAWN[0]} 50 N, 0 A")
     found = predictions.findings([(NARROW, 3.2), (gone, None)])
     assert found.tables[0].rows[1][-1] == "withdrawn"
     title = found.tables[0].title
