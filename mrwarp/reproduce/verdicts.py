@@ -182,8 +182,8 @@ def rows(part: str, quantity: str, *conditions: str) -> Measure:
 def change(part: str, quantity: str, *pairs: tuple[str, str], absolute: bool = False, paired: bool = False) -> Measure:
     """Changes [%] from the first to the second condition of each pair, with the spread of a ratio.
 
-    ``absolute`` drops the sign of the figures before. Where the same trials are ``paired``, ours has no spread here: a
-    ratio's is that of independent trials.
+    ``absolute`` drops the sign of the figures before. Where the same trials are ``paired``, ours is the mean of each
+    seed's own change; without figures by seed it has no spread, as a ratio's is that of independent trials.
     """
 
     def ratio(
@@ -201,6 +201,9 @@ def change(part: str, quantity: str, *pairs: tuple[str, str], absolute: bool = F
             a, b = found.row(part, first, quantity), found.row(part, second, quantity)
             theirs, theirs_sd = ratio(a.paper, b.paper, a.paper_sd, b.paper_sd)
             ours, sd = ratio(a.ours, b.ours, *((None, None) if paired else (a.sd, b.sd)))
+            if paired and len(a.seeds) == len(b.seeds) > 1:
+                each = 100.0 * (np.divide(b.seeds, a.seeds) - 1.0)
+                ours, sd = float(each.mean()), float(each.std(ddof=1))
             figures.append(Figure(paper=theirs, paper_sd=theirs_sd, ours=ours, sd=sd, digits=1, n=min(a.n, b.n)))
         return figures
 

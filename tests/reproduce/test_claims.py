@@ -148,6 +148,18 @@ def test_spread_of_a_change_is_that_of_a_ratio() -> None:
     assert figure.sd == pytest.approx(50.0 * 0.02**0.5)
 
 
+def test_a_paired_change_is_each_seeds_own() -> None:
+    """Seeds that differ by a factor of four lose a tenth each: no spread, and a sign; without them nothing is known."""
+    found = results(("a", 2.0, 0.2, 2.3, 1.5), ("b", 1.8, 0.1, 2.1, 1.4))
+    first, second = found.parts["part"]["rows"]
+    assert change("part", "x", ("a", "b"), paired=True)(found)[0].sd is None
+    first["seeds"], second["seeds"] = (1.0, 2.0, 4.0), (0.9, 1.8, 3.6)
+    figure = change("part", "x", ("a", "b"), paired=True)(found)[0]
+    assert (figure.ours, figure.sd) == (pytest.approx(-10.0), pytest.approx(0.0, abs=1e-9))
+    assert figure.sign() is Verdict.DIRECTION
+    assert change("part", "x", ("a", "b"))(found)[0].sign() is not Verdict.DIRECTION
+
+
 def test_a_difference_without_a_spread_has_none() -> None:
     """Its sign is taken as it stands."""
     one, two = (Figure(paper=value, ours=value) for value in (1.0, 2.0))
