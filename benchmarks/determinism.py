@@ -133,7 +133,7 @@ def in_processes(kind: str, settings: list[dict[str, Any]]) -> list[dict[str, An
 
 
 def one_process(kind: str, setting: dict[str, Any], *, hash_seed: int) -> dict[str, Any]:
-    """What ``simulate`` or ``train`` returns in a fresh interpreter.
+    """Result of ``simulate`` or ``train`` in a fresh interpreter.
 
     Raises:
         RuntimeError: it ended with an error.

@@ -73,7 +73,7 @@ def make_trainer(
 
 
 def train(out: Path, updates: int, task: dict[str, str], finished: Any, digests: Any = None) -> None:
-    """Train from the folder's checkpoint, if there is one; tells the number of finished updates."""
+    """Train from the folder's checkpoint, if there is one; prints the number of finished updates."""
     from mrwarp.rl import checkpoint
 
     path = out / "checkpoint.pt"
@@ -156,7 +156,7 @@ def measure(
             found["unreadable"] += 1
             shutil.rmtree(part)
             continue
-        # `last` is told when an update is finished, before its checkpoint is written
+        # `last` is sent when an update is finished, before its checkpoint is written
         found["old"] += int(content["iteration"] < last - 1)
         found["different"] += int(digest(content) != expected[content["iteration"]])
         seen.add(content["iteration"])

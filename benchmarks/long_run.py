@@ -31,7 +31,7 @@ _SETTLING = 0.1
 
 @dataclass
 class LongRun:
-    """What a long run was like."""
+    """Figures of a long run."""
 
     num_envs: int
     robot_hours: float = 0.0
@@ -58,11 +58,11 @@ class LongRun:
 
     @property
     def step_growth(self) -> float:
-        """The same for the time of a step."""
+        """Growth of the time of a step."""
         return _growth(self.step_ms[int(_SETTLING * len(self.step_ms)) :])
 
     def faults(self, *, hours: float, memory: float = 0.02, step: float = 0.1) -> list[str]:
-        """What is wrong with the run.
+        """Faults of the run.
 
         Args:
             hours: Fewest robot hours.
@@ -99,7 +99,7 @@ def walk_long(policy: OnnxPolicy, cfg: EnvCfg, *, seconds: float) -> LongRun:
     torch.manual_seed(cfg.seed)
     env, num_envs = WalkEnv(cfg), cfg.sim.num_envs
     out, obs, begun = LongRun(num_envs=num_envs), env.get_observations(), time.perf_counter()
-    told = begun
+    reported = begun
     while time.perf_counter() - begun < seconds:
         times = np.empty(_STEPS)
         for k in range(_STEPS):
@@ -118,8 +118,8 @@ def walk_long(policy: OnnxPolicy, cfg: EnvCfg, *, seconds: float) -> LongRun:
         out.at.append(now - begun)
         out.memory.append(_resident())
         out.step_ms.append(1e3 * float(np.quantile(times, 0.05)))
-        if now - told > 30.0:
-            told = now
+        if now - reported > 30.0:
+            reported = now
             print(
                 f"{out.minutes:5.1f} min, {out.robot_hours:6.2f} robot hours, {out.memory[-1]:.0f} MiB, "
                 f"{out.step_ms[-1]:.2f} ms a step, {out.falls} falls",

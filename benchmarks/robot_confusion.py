@@ -74,7 +74,7 @@ def text_of(cause: str, place: str, numbers: str) -> str:
 
 
 def hidden_of(family: str, case: int, places: Places, causes: Sequence[str]) -> list[str]:
-    """What a case hides: causes in turn, each at its places in turn; a pair takes the next cause but some with it."""
+    """Causes that a case hides: in turn, each at its places in turn; a pair takes the next cause but some with it."""
     if family == "healthy":
         return []
     if family == "outside":
@@ -109,7 +109,7 @@ def unknown_causes(args: argparse.Namespace) -> list[str]:
 def run_case(
     case: int, causes: Sequence[str], logs: Callable[[LogCfg], HealthyLog], args: argparse.Namespace
 ) -> dict[str, Any]:
-    """Record, diagnose, compare; ``logs`` tell sizes."""
+    """Record, diagnose, compare; ``logs`` give sizes."""
     family, places, levels = args.family, describe(args.robot).places, [None]
     hide, cfg = hidden_of(family, case, places, causes), log_cfg(args)
     if family == "proposed":
@@ -142,7 +142,7 @@ def run_case(
 
 
 def log_cfg(args: argparse.Namespace) -> LogCfg:
-    """What a healthy log of the suite is."""
+    """A healthy log of the suite."""
     return LogCfg(robot=args.robot, motions=tuple(args.motion), policy=args.policy, seed=1000 * args.seed)
 
 

@@ -41,7 +41,7 @@ STARTS = {
     "robot show": Start(words=("robot", "show", "mr_go", "--png", "robot.png"), limit=34.0),
     "play": Start(words=("play", "--policy", str(DEFAULT_POLICY), "--png", "walk.png"), limit=108.0),
 }
-"""What is timed, by name."""
+"""Timed commands, by name."""
 
 
 def prepare(folder: Path) -> None:

@@ -58,12 +58,12 @@ def main() -> int:
 
 
 def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
-    def told(line: str) -> None:
+    def report(line: str) -> None:
         print(line, flush=True)
 
     return run_suite(
         plan, args.sets, args.out, jobs=args.jobs, check_gain=args.check_gain, resolve=args.resolve, known=args.known,
-        told=told,
+        report=report,
     )  # fmt: skip
 
 

@@ -112,7 +112,7 @@ VOLTAGE = {"current": 6.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What was hidden."""
+    """The hidden truth."""
 
     kinds: tuple[str, ...]
     """Effects of the contract; empty for none."""
@@ -147,7 +147,7 @@ class Case:
 
     @cached_property
     def recording(self) -> Recording:
-        """What the diagnosis sees."""
+        """The recording that the diagnosis sees."""
         return self.record(self.motion, stream=3)
 
     @cached_property
@@ -175,7 +175,7 @@ class Case:
 
     @cached_property
     def repeated(self) -> Recording:
-        """The same programme of motion and current once more, from the session's begin: new noise only."""
+        """The programme of motion and current repeated from the session's begin: new noise only."""
         return self.record(self.motion, stream=_REPEATED)
 
     def record(self, motion: Motion, *, stream: int, noise: Noise | None = None) -> Recording:
@@ -376,7 +376,7 @@ def _stated(name: str, effect: Effect, rendering: Rendering, level: float) -> di
 
 
 def _log(device: Device, motion: Motion, noise: Noise, rendering: Rendering, rng: np.random.Generator) -> Recording:
-    """What the logger writes: errors added, rounded to more digits than the sensors resolve."""
+    """The logger's columns: errors added, rounded to more digits than the sensors resolve."""
     signals = simulate(device, motion)
     shape, step = signals.torque.shape, 1.0 / motion.rate
     torque = signals.torque * (1.0 + noise.gain * rng.standard_normal((shape[0], 1)))

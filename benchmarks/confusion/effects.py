@@ -1,4 +1,4 @@
-"""What can be hidden: one law per effect, none of them written as the diagnosis would write it.
+"""Effects that can be hidden: one law per effect, none of them written as the diagnosis would write it.
 
 An effect has a strength, which is searched, and draws (signs, phases, wave numbers), which come from the seed. Laws act
 at one place of the chain in :mod:`benchmarks.confusion.truth`: on the command, on the path, as a factor of the
@@ -26,14 +26,14 @@ class Spec:
 
     name: str
     parameter: str
-    """What a user would call the strength."""
+    """The strength's name for a user."""
     unit: str
     powers: tuple[int, int, int]
     """Powers of the units of motion, current and torque in the strength; the rest is seconds."""
     guess: float
     """Strength at which the search begins."""
     draw: _Draw = field(default=lambda rng: {})
-    """Everything random beside the strength."""
+    """All random numbers but the strength."""
     exact: bool = True
     """Whether a fit of the usual law should find the strength itself, not only the mechanism."""
     depends_on: frozenset[str] = frozenset()
@@ -200,7 +200,7 @@ class Value:
 
 
 def true_value(name: str, effect: Effect) -> Value:
-    """What a perfect diagnosis would report of an effect."""
+    """Figures of an effect that a perfect diagnosis would report."""
     spec, sign = EFFECTS[name], effect.draws.get("sign", 1.0)
     value = {
         "wear": effect.strength / (1.0 + effect.strength),
@@ -300,7 +300,7 @@ def position_viscosity(e: Effect, s: State) -> np.ndarray:
 
 
 def line(e: Effect, s: State) -> np.ndarray:
-    """A line at 7.3 Hz whose phase each trajectory finds anew."""
+    """A line at 7.3 Hz with a new phase in each trajectory."""
     phase = np.random.default_rng(int(e.draws["phases"])).uniform(0.0, 2.0 * np.pi, (len(s.q), 1))
     return e.strength * np.sin(2.0 * np.pi * 7.3 * s.t + phase)
 

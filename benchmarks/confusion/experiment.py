@@ -27,10 +27,10 @@ CURRENTS = {
     "slow swings": "levels", "wide swings": "levels", "wide swings without current": "none",
     "middling swings": "levels", "small swings": "levels",
 }  # fmt: skip
-"""What is done with the current in the experiments with a motion of their own."""
+"""Programmes of the current in the experiments with a motion of their own."""
 
 RESULTS = ("resolved", "ambiguous", "missed", "wrong", "other", "failed", "not proposed")
-"""What may come of an experiment: right now, or the outcome that is left, or there was no proposal."""
+"""Outcomes of an experiment: right now, or the outcome that is left, or there was no proposal."""
 
 _STREAM = 6
 """The seed's stream for the noise of experiments; the next one is for their motion."""
@@ -38,7 +38,7 @@ _STREAM = 6
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a diagnosis asked for."""
+    """The experiment that a diagnosis asked for."""
 
     kind: str
     seconds: float

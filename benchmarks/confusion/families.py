@@ -33,7 +33,7 @@ _NONE = [(noise, size, spread) for spread in (0.02, 0.2) for size in ("large", "
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What a suite consists of."""
+    """Families of cases of a suite."""
 
     family: str
     level: float = 0.4

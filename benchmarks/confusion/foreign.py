@@ -1,4 +1,4 @@
-"""Devices by other laws than eqs. 14 and 15: what a bench has, and nobody told the diagnosis.
+"""Devices by other laws than eqs. 14 and 15: as on a real bench, unknown to the diagnosis.
 
 Each law gives the torque of the device without effects along a motion and the current that magnetises, on the fine
 grid. Its shaft turns with the encoder, or behind a dead zone or a spring that bear what the device bears. Numbers are
@@ -49,7 +49,7 @@ HIDDEN = (
     "none",
     "series_compliance",
 )
-"""What is hidden in them, in turn; a delay that changes a tenth of the torque would be longer than any driver's."""
+"""Effects hidden in them, in turn; a delay that changes a tenth of the torque would be longer than any driver's."""
 
 STOP = 2e4
 """Stiffness of the stops of a dead zone [N·m/rad]: they give way by about a tenth of a milliradian."""
@@ -153,7 +153,7 @@ def behind(
         x, now, pace = q[:, k], 0.5 * (current[:, k - 1] + current[:, k]), 0.5 * (qdd[:, k - 1] + qdd[:, k])
 
         def borne(v: np.ndarray) -> tuple[np.ndarray, _State, _State]:
-            """What the device bears when its shaft has this speed, its state and the rates of that."""
+            """Torque that the device bears when its shaft has this speed, its state and the rates of that."""
             at = y + 0.5 * v * dt  # noqa: B023
             if law != "spencer":
                 return _TORQUES[law](p, at, v, pace, now, dt), state, rates  # noqa: B023

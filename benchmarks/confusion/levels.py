@@ -57,7 +57,7 @@ def derivatives(values: np.ndarray, signals: Signals, zero: float) -> np.ndarray
 
 
 def refitted(device: Device, signals: Signals) -> np.ndarray:
-    """What is left of the torque when the nine coefficients are fitted to it [N·m], shape (T, M).
+    """Torque that remains when the nine coefficients are fitted to it [N·m], shape (T, M).
 
     Gauss-Newton from the device's own coefficients; noise-free signals need no more.
     """

@@ -45,7 +45,7 @@ class Motion:
     """Prescribed motion and command of T trajectories of equal length, on the fine grid of N samples."""
 
     kind: tuple[str, ...]
-    """What each trajectory is, shape (T,): "steps", "sine", "gait" or a name of the caller's."""
+    """Kind of each trajectory, shape (T,): "steps", "sine", "gait" or a name of the caller's."""
     rate: float
     """Logging rate [1/s]."""
     substeps: int

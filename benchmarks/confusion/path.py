@@ -99,7 +99,7 @@ class Driven:
 
 
 def behind_gap(x: np.ndarray, half_gap: float, stiffness: np.ndarray, p: Mapping[str, float], dt: float) -> Driven:
-    """What a path drives through a gap with stops that can only push; it begins in the middle of the gap.
+    """Path at the far side of a gap with stops that can only push; it begins in the middle of the gap.
 
     A force balance at each sample: the shaft follows the stop that it touches as long as that has to push; a free one
     obeys ``B*dy/dt = -K*z/(1 + alpha*|dy/dt|)``; where it would then stand beyond a stop, the stop takes it along.
@@ -129,10 +129,10 @@ def behind_gap(x: np.ndarray, half_gap: float, stiffness: np.ndarray, p: Mapping
         drag, pull = p["B"] + k_now * dt * (1.0 + (beta - gamma) * np.abs(z)), k_now * np.abs(z)
         free = -np.sign(z) * 2.0 * pull * dt / (drag + np.sqrt(drag**2 + 4.0 * p["alpha"] * p["B"] * pull))
         dy = np.where(pushes, along, free)
-        apart = x[:, k] - y - dy
-        dy = np.where(np.abs(apart) > half_gap, x[:, k] - np.sign(apart) * half_gap - y, dy)
+        gap_now = x[:, k] - y - dy
+        dy = np.where(np.abs(gap_now) > half_gap, x[:, k] - np.sign(gap_now) * half_gap - y, dy)
         z = np.where(pushes & (dy == along), z_along, moved(z, dy))
-        side = np.where(pushes, side, np.where(np.abs(apart) > half_gap, np.sign(apart), 0.0))
+        side = np.where(pushes, side, np.where(np.abs(gap_now) > half_gap, np.sign(gap_now), 0.0))
         y = y + dy
         all_z[:, k], contact[:, k] = z, side
     return Driven(z=all_z, contact=contact)
@@ -160,8 +160,8 @@ def gear_to_locked_output(x: np.ndarray, stiffness: float, half_gap: float, dt: 
     for k in range(1, x.shape[1]):
         speed, force = (x[:, k] - x[:, k - 1]) / dt, np.zeros(len(x))
         for i in range(parts):
-            apart = x[:, k - 1] + speed * (i + 1) * step - y
-            pressed = apart - np.clip(apart, -half_gap, half_gap)
+            gap_now = x[:, k - 1] + speed * (i + 1) * step - y
+            pressed = gap_now - np.clip(gap_now, -half_gap, half_gap)
             force = stop * pressed + 3.0 * damping * (speed - v) * (pressed != 0.0)
             v = v + step * (force - spring * y - damping * v) / mass
             y = y + step * v

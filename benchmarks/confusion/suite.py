@@ -96,7 +96,7 @@ def run_case(
 
 
 def _resolved(result: Any, case: Case, diagnose: Diagnose) -> dict[str, Any]:
-    """What comes of the experiment that an ambiguous verdict asks for."""
+    """Outcome of the experiment that an ambiguous verdict asks for."""
     proposal = Proposal.of(result)
     if proposal is None:
         return {"result": "not proposed"}
@@ -145,7 +145,7 @@ def run_suite(
     resolve: bool = False,
     known: bool = False,
     diagnose: Diagnose | None = None,
-    told: Callable[[str], None] = print,
+    report: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:
     """Run the cases 0 to ``sets`` - 1 that are not in ``out`` yet, and return all of them in order.
 
@@ -158,7 +158,7 @@ def run_suite(
         resolve: As in :func:`run_case`.
         known: As in :func:`run_case`.
         diagnose: As in :func:`run_case`; must be importable by name where ``jobs`` > 0.
-        told: Takes the lines of progress.
+        report: Takes the lines of progress.
 
     Raises:
         SuiteError: the folder holds another suite.
@@ -182,7 +182,7 @@ def run_suite(
             stream.write(json.dumps(case, default=_plain, ensure_ascii=False) + "\n")
             stream.flush()
             done[case["index"]] = case
-            told(f"[{len(done)}/{sets}] {_line(case)}")
+            report(f"[{len(done)}/{sets}] {_line(case)}")
     return [done[index] for index in sorted(done) if index < sets]
 
 

@@ -1,4 +1,4 @@
-"""What a suite showed: confusion matrix, outcomes against what is asked for, coverage, gain, time."""
+"""Results of a suite: confusion matrix, outcomes against what is asked for, coverage, gain, time."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def acceptance(plan: Plan, cases: list[_Case]) -> list[str]:
 
 
 def _foreign_lines(cases: list[_Case]) -> list[str]:
-    """What is asked for on devices by other laws, by the number of hidden effects, and of their accounts."""
+    """Limits for devices by other laws, by the number of hidden effects, and of their accounts."""
     none, one, more = ([c for c in cases if min(len(c["kinds"]), 2) == n] for n in range(3))
     lines = []
     if none:
@@ -134,11 +134,11 @@ def _foreign_lines(cases: list[_Case]) -> list[str]:
         named = [{"false": not set(_names(cause)) & set(c["kinds"])} for c in more for cause in c["causes"]]
         lines.append(share("two or three: found of the true ones", hidden, lambda x: x["found"], least=0.75))
         lines += [share("two or three: false among the named", named, lambda x: x["false"], most=0.03)] if named else []
-    lines.append(share("a fault of the recording told", cases, lambda c: bool(c.get("faults")), most=0.02))
-    told = [c for c in cases if c.get("account")]
-    if told:
-        near = [{"near": 1.0 / 1.5 <= not_repeatable_ratio(c) <= 1.5} for c in told]
-        silent = [c for c in told if c["account"]["repeatable"]["share"] > 0.1]
+    lines.append(share("a fault of the recording reported", cases, lambda c: bool(c.get("faults")), most=0.02))
+    with_account = [c for c in cases if c.get("account")]
+    if with_account:
+        near = [{"near": 1.0 / 1.5 <= not_repeatable_ratio(c) <= 1.5} for c in with_account]
+        silent = [c for c in with_account if c["account"]["repeatable"]["share"] > 0.1]
         lines.append(share("not repeatable within 1.5 of the truth", near, lambda x: x["near"], least=0.9))
         if silent:
             lines.append(share("unexplained empty, a tenth repeats", silent, lambda c: not c["unexplained"], most=0.0))
@@ -198,14 +198,14 @@ def _gain_lines(cases: list[_Case]) -> list[str]:
 
     pooled = [(c["gain"], c["untouched_gain"]) for c in made]
     again = [(c["gain"], c["repeated_gain"]) for c in made]
-    apart = [(a, b) for c in made for a, b in itertools.permutations(c["session_gains"], 2)]
+    crossed = [(a, b) for c in made for a, b in itertools.permutations(c["session_gains"], 2)]
     inside = [{"in": c["claimed_interval"][0] <= c["untouched_gain"] <= c["claimed_interval"][1]} for c in made]
     claimed, real, repeated = np.mean([[c["gain"], c["untouched_gain"], c["repeated_gain"]] for c in made], axis=0)
     return [
         near("claimed gain within 20 %: same motion again", again),
         near("  of sessions with new motion, together", pooled),
         near("  of one such session", [(c["gain"], x) for c in made for x in c["session_gains"]]),
-        near("  (one such session of another)", apart),
+        near("  (one such session of another)", crossed),
         share("  its 95 % interval holds that of new motion", inside, lambda entry: entry["in"]),
         f"  mean: claimed {claimed:.4f}, same motion again {repeated:.4f}, new motion {real:.4f}",
     ]
@@ -222,7 +222,7 @@ def _ambiguity_line(cases: list[_Case]) -> str:
 
 
 def _resolved_lines(cases: list[_Case]) -> list[str]:
-    """What came of the proposed experiments: all together, and by what they were to tell apart."""
+    """Outcomes of the proposed experiments: all together, and by the causes they were to separate."""
     made = [case for case in cases if "resolved" in case]
     if not made:
         return []

@@ -21,7 +21,7 @@ from benchmarks.confusion.path import Path, Turns, behind_gap, gear_to_locked_ou
 from mrwarp.params import MrParams
 
 BASE = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
-"""What a fit of eqs. 14 and 15 is free to choose."""
+"""Coefficients that a fit of eqs. 14 and 15 chooses."""
 
 CREEP_TIME = 1.5
 """Time constant of the creep [s]."""
@@ -42,7 +42,7 @@ class Device:
     zero: float
     """Position where the stiffness of eq. 14 is zero [rad]."""
     effects: Mapping[str, Effect] = field(default_factory=dict)
-    """What is hidden, by name."""
+    """Hidden effects, by name."""
     law: str = ""
     """Another law than eqs. 14 and 15, of :data:`benchmarks.confusion.foreign.LAWS`; empty for these."""
     numbers: Mapping[str, float] = field(default_factory=dict)
@@ -62,13 +62,13 @@ class Device:
                 return cls(base=base, zero=paper.q_offset + paper.q_center)
 
     def with_effects(self, effects: Mapping[str, Effect]) -> Device:
-        """The same device with these effects only."""
+        """A copy of the device with these effects only."""
         return replace(self, effects=dict(effects))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Signals:
-    """What an ideal log would hold; arrays (T, M) at the logged samples."""
+    """Columns of an ideal log; arrays (T, M) at the logged samples."""
 
     q: np.ndarray
     """Encoder [rad]."""
@@ -159,7 +159,7 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
 
 
 def _gear(device: Device, motion: Motion) -> np.ndarray:
-    """What a gear with play bears that leads to a locked output, on the fine grid."""
+    """Torque that a gear with play bears, which leads to a locked output, on the fine grid."""
     if "compliance_with_backlash" not in device.effects:
         return np.zeros_like(motion.q)
     gear = device.effects["compliance_with_backlash"]

@@ -72,7 +72,7 @@ def judge(truth: Truth, calibration: bool, found: dict[str, Any]) -> tuple[str, 
     shifts = [{s["name"], *s["alternatives"]} for s in found["parameter_shift"]]
     if calibration:
         groups, shifts = groups + shifts, []
-    if truth.law:  # what stays unexplained beside a name, or without one, is the law
+    if truth.law:  # structure unexplained next to a name, or without one, is the law's
         if truth.kinds:
             return _judge_names(set(truth.kinds), groups), ""
         return ("wrong", "false alarm") if groups else ("right", found["verdict"] or "no verdict")

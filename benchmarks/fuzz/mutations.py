@@ -1,4 +1,4 @@
-"""What is done to good files: bytes, chunks, lines, numbers and words change; brackets open and never close."""
+"""Damage to good files: bytes, chunks, lines, numbers and words change; brackets open and never close."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ NUMBERS = (
     "true", "[]", "{}", '"a"', "1,2", "--", "NaN", "1e", "-0.0", "2147483648", "18446744073709551616", "\ufeff1",
     "\x00",
 )  # fmt: skip
-"""What stands in place of a number."""
+"""Texts put in place of a number."""
 
 
 def mutate(data: bytes, rng: random.Random) -> bytes:

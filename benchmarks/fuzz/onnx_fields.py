@@ -117,7 +117,7 @@ def _interface(proto: Any, rng: random.Random) -> None:
 
 
 def _metadata(proto: Any, rng: random.Random) -> None:
-    """The description that stands beside the graph."""
+    """The description that is stored next to the graph."""
     entry = _any(proto.metadata_props, rng)
     if entry is None:
         return

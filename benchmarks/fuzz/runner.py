@@ -35,9 +35,9 @@ HANG = 20.0
 """Longest time of a case [s]."""
 
 REMEDY = re.compile(
-    r"; |allowed|needed|must |use |give |name |remove|repair|correct|check |choose|again|anew|known|--help|expected"
+    r"; |allowed|needed|must |use |give |name |remove|repair|correct|check |choose|again|known|--help|expected"
 )
-"""What a remedy sounds like."""
+"""Words by which a remedy is recognised."""
 
 
 class HangError(Exception):

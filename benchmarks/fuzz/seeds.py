@@ -25,7 +25,7 @@ def csv_seeds() -> list[bytes]:
 
 
 def parquet_seeds() -> list[bytes]:
-    """The same, as Parquet."""
+    """The recording, as Parquet."""
     import pyarrow.csv
     import pyarrow.parquet
 

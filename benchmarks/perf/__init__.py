@@ -1,1 +1,1 @@
-"""What a step costs, part by part, and whether that got worse."""
+"""Cost of a step, part by part, and whether it grew."""

@@ -38,7 +38,7 @@ COPIED = 2**28
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """What a figure at :data:`AIMED_AT` robots aims for."""
+    """Targets of the figures at :data:`AIMED_AT` robots."""
 
     unit: str
     """Its unit; 1 for a ratio."""

@@ -37,14 +37,14 @@ LIMITS = {
     "kernels/c": 1.5,
     "learn share": 1.0 / 3.0,
 }
-"""What the ratios aim for, by the name before ``@``: costs, so less is better."""
+"""Targets of the ratios, by the name before ``@``: costs, so less is better."""
 
 FEW = 64
 """Robots that get going from the stance; more begin as copies of them."""
 
 
 def device() -> dict[str, Any]:
-    """What the figures were made on."""
+    """The machine that made the figures."""
     return {
         "machine": f"{os.cpu_count()}-core {platform.machine()} CPU",
         "processor": _processor(),
@@ -186,7 +186,7 @@ def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple
 
 
 def _processor() -> str:
-    """Name of the processor, where Linux tells it."""
+    """Name of the processor, where Linux reports it."""
     path = Path("/proc/cpuinfo")
     lines = path.read_text().splitlines() if path.is_file() else []
     return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")

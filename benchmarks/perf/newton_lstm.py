@@ -1,4 +1,4 @@
-"""Newton's own neural LSTM drive, built with as many hidden units as ours, to time beside ours."""
+"""Newton's own neural LSTM drive, built with as many hidden units as ours, to time against ours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``mrwarp perf`` measures, and how long: on the CPU and on a GPU."""
+"""Subjects and durations of ``mrwarp perf``: on the CPU and on a GPU."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ AIMED_AT = (64, 256)
 
 @dataclass(frozen=True, kw_only=True)
 class PerfCfg:
-    """What is measured, and how long."""
+    """Subjects and durations on a CPU."""
 
     num_envs: tuple[int, ...] = (1, 4, 16, 64, 256, 1024, 4096)
     """Numbers of robots."""
@@ -27,7 +27,7 @@ class PerfCfg:
     steps: int = 0
     """Policy steps per turn; 0 takes about 640 robot steps."""
     parts: tuple[str, ...] = field(default=("walking", "joint", "lstm", "training"))
-    """What is measured."""
+    """Names of the measurements."""
 
     def __post_init__(self) -> None:
         if not self.num_envs or min(self.num_envs) < 1:
@@ -58,7 +58,7 @@ class PerfCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class GpuCfg:
-    """What is measured, and how long."""
+    """Subjects and durations on a GPU."""
 
     device: str = "cuda:0"
     """Warp device."""
@@ -73,7 +73,7 @@ class GpuCfg:
     updates: int = 12
     """Training updates; 0 leaves training out."""
     parts: tuple[str, ...] = ("walking", "joint", "training")
-    """What is measured."""
+    """Names of the measurements."""
 
     def __post_init__(self) -> None:
         if not self.num_envs or min(self.num_envs) < 1:

@@ -19,7 +19,7 @@ from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine, duration
 
 Run = Callable[[Any, Callable[[str, float], None]], dict[str, Any]]
-"""Measures with a policy, and tells what is measured and the share of it that is done."""
+"""Measures with a policy, and reports the current measurement and the share that is done."""
 
 _NAMES = ("name", "machine", "processor")
 
@@ -55,7 +55,7 @@ def run(options: Perf, line: CommandLine) -> int:
 
 
 def _cpu(options: Perf) -> Run:
-    """What to measure on this machine's cores.
+    """Measurements on this machine's cores.
 
     Raises:
         ValueError: an option is out of range.
@@ -69,13 +69,13 @@ def _cpu(options: Perf) -> Run:
     if options.mjwarp_up_to is not None:
         cfg = replace(cfg, mjwarp_up_to=options.mjwarp_up_to)
     parts = cfg.estimate()
-    told = ", ".join(f"{name} {duration(seconds)}" for name, seconds in parts.items())
-    print(f"to measure: {told}; about {duration(sum(parts.values()))} on two idle cores", flush=True)
+    planned = ", ".join(f"{name} {duration(seconds)}" for name, seconds in parts.items())
+    print(f"to measure: {planned}; about {duration(sum(parts.values()))} on two idle cores", flush=True)
     return lambda policy, progress: measure.run_all(cfg, policy, progress)
 
 
 def _gpu(options: Perf) -> Run:
-    """What to measure on a GPU.
+    """Measurements on a GPU.
 
     Raises:
         ValueError: an option is out of range, or there is no such device.

@@ -21,7 +21,7 @@ LINES = {
     "mjwarp_eager.robot": "MuJoCo-Warp, eager",
     "mjwarp_captured.robot": "MuJoCo-Warp, captured",
 }
-"""What is drawn, by the name of its times."""
+"""Labels of the drawn parts, by the name of their times."""
 
 PHYSICS_STEPS = 4
 """Physics steps in a policy step."""

@@ -1,4 +1,4 @@
-"""Timing by turns: all variants run a little in each round, so that what else the machine does hits them alike."""
+"""Interleaved timing: all variants run a little in each round, so that other load of the machine slows all of them."""
 
 from __future__ import annotations
 

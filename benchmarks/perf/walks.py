@@ -34,7 +34,7 @@ residual, its state carried on or made from 50 samples at every step; Bouc-Wen o
 captured graph."""
 
 INPUTS = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
-"""What decides a physics step, besides the brake bounds."""
+"""Inputs of a physics step, except the brake bounds."""
 
 FALLS = 0.02
 """Largest share of robots that may fall in a second: a walking policy under training's pushes loses hardly any."""
@@ -50,7 +50,7 @@ UNSOLVED = 3e-3
 
 
 class NotWalkingError(RuntimeError):
-    """What was timed does not walk: its times mean nothing."""
+    """The timed robots do not walk: the times mean nothing."""
 
     exit_code = 1
 
@@ -195,7 +195,7 @@ class Walk:
         return {"plain": spent / self.steps}
 
     def check(self) -> dict[str, float]:
-        """What was timed walks: share of robots that fall per second, mean height [m] and error of the speed [m/s].
+        """Check that the robots walk: share that falls per second, mean height [m] and error of the speed [m/s].
 
         Also the mean number of open dynamic gates, and the share of steps whose solve did not converge.
 

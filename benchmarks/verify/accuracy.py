@@ -37,7 +37,7 @@ JOINT = MrParams().replace(**MOTORLESS, f_th=0.0, eps_e=0.0, eps_v=0.0, q_neutra
 """The paper's device without a motor; thresholds of the dynamic gate at zero, so that the current profile flows."""
 
 LINK = Link()
-"""What the joint carries: a 0.3 kg rod of 0.4 m."""
+"""The joint's load: a 0.3 kg rod of 0.4 m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +88,8 @@ def middles(dt: float) -> np.ndarray:
 def reference(profile: Profile, dt: float) -> np.ndarray:
     """The joint with true stick, shape (T + 1, E, 2): angle [rad] and velocity [rad/s] at every step.
 
-    ``J*qdd = load + weight - f``, with ``|f| <= |tau_BW|`` and f = whatever keeps the joint at rest where that
-    suffices. Time stepping after Moreau: the free velocity, then as much friction as stops it, at most the bound.
+    ``J*qdd = load + weight - f``, with ``|f| <= |tau_BW|`` and f is the friction that keeps the joint at rest where
+    that suffices. Time stepping after Moreau: the free velocity, then as much friction as stops it, at most the bound.
     """
     p, num_envs = JOINT.bouc_wen, profile.pulse_at.size
     loads, currents = profile.load(middles(dt)), profile.current(middles(dt))
@@ -166,7 +166,7 @@ class Accuracy:
     paths: dict[str, np.ndarray]
     """Trajectories at 5 ms by coupling and of the reference (``reference``), shape (T + 1, E, 2)."""
     profile: Profile
-    """What was applied."""
+    """The applied load."""
     rms: dict[str, dict[str, list[float]]]
     """RMS over runs and time by coupling and step: angle [rad], velocity [rad/s]."""
     per_run: dict[str, np.ndarray]

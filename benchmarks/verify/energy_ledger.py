@@ -40,10 +40,10 @@ FREE_FALL, STANDING, WALKING = 0.4, 2.0, 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class LedgerRun:
-    """What was booked over a run; E robots."""
+    """Energies booked over a run; E robots."""
 
     name: str
-    """What was run."""
+    """Name of the run."""
     dt: float
     """Step [s]."""
     work: dict[str, np.ndarray]
@@ -55,7 +55,7 @@ class LedgerRun:
 
     @property
     def gap(self) -> np.ndarray:
-        """What no source explains [J], shape (E,)."""
+        """Energy that no source explains [J], shape (E,)."""
         return self.kinetic - sum(self.work.values())
 
     def figures(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ At random states one step is compared. Where a capsule stands on the ground, ste
 different contacts: MuJoCo lays the first tangent along its axis, MuJoCo-Warp along the world's y axis
 (google-deepmind/mujoco issue 2774). The friction pyramid then stands otherwise, and the velocities differ by up to its
 anisotropy. It takes a thigh or calf upright in the ground: a robot that lies on its back or side. Such states are
-counted apart.
+counted separately.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ GROUPS = {"in the air": 400, "on its feet": 400, "lying": 200}
 """Number of random states by group; together 1,000."""
 
 QUANTITIES = ("qpos", "qvel", "qacc", "foot force")
-"""What is compared at random states: [m, rad], [m/s, rad/s], [m/s², rad/s²], [N]."""
+"""Quantities compared at random states: [m, rad], [m/s, rad/s], [m/s², rad/s²], [N]."""
 
 STEEP = 0.5
 """Horizontal part of a unit capsule axis below which MuJoCo-Warp takes another tangent [1]."""
@@ -210,7 +210,7 @@ def _compare_run(
 
 
 def _tiled(values: np.ndarray, sim: Sim) -> wp.array:
-    """The same values in every environment."""
+    """Values repeated in every environment."""
     return wp.array(np.tile(values, (sim.num_envs, 1)), dtype=float, device="cpu")
 
 

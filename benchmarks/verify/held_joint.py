@@ -209,7 +209,7 @@ def stand_on_brakes(
         backend: The engine.
         seconds: Time without calf motors [s].
         ls_iterations: Line-search iterations forced on the model, past the check of ``SolverCfg``.
-        stiff_feet: Elliptic friction cones 100 times stiffer than the asset's soft pyramids: tells how much of the
+        stiff_feet: Elliptic friction cones 100 times stiffer than the asset's soft pyramids: shows how much of the
             trunk's sinking is feet that slide over the ground, and not brakes.
     """
 
@@ -257,7 +257,7 @@ def stand_runs() -> list[StandRun]:
 
 
 def line_search_trap() -> list[StandRun]:
-    """The robot on its brakes for 2 s with few to enough line-search iterations; ``unsolved`` must tell them apart."""
+    """The robot on its brakes for 2 s with few to enough line-search iterations; ``unsolved`` must separate them."""
     counts = (3, 10, 20, 30, 50)
     return [stand_on_brakes(BackendKind.MJBATCH, seconds=2.0, ls_iterations=count) for count in counts]
 

@@ -142,7 +142,7 @@ def torque(
 
 
 def replayed(excitation: Excitation, dt: float, *, exact: bool, substeps: int) -> np.ndarray:
-    """The same torque by the kernels from samples at ``dt`` [N·m], shape (N, T)."""
+    """The torque by the kernels from samples at ``dt`` [N·m], shape (N, T)."""
     t = times(dt)
     num_runs = len(excitation.lag)
     command = excitation.commanded(t)

@@ -42,7 +42,7 @@ class PassivityRun:
     """One run of a rig whose devices were metered."""
 
     name: str
-    """What was run."""
+    """Name of the run."""
     coupling: Coupling
     """How the devices acted."""
     backend: BackendKind

@@ -1,4 +1,4 @@
-"""What the simulator must show of its physics: measured, judged by limits, and drawn. The command is ``mrwarp verify``.
+"""Checks of the simulator's physics: measured, judged by limits, and drawn. The command is ``mrwarp verify``.
 
 One question per file: is the brake passive (``passivity``), does it hold (``held_joint``), is 5 ms accurate
 (``accuracy``; of the hysteresis alone: ``hysteresis``), does the robot's motion converge (``order``), is all energy
@@ -128,7 +128,7 @@ def passivity_checks(runs: list[PassivityRun]) -> Iterator[Check]:
 
 
 def holding_checks(holds: list[HoldRun], stands: list[StandRun], trap: list[StandRun]) -> Iterator[Check]:
-    """Creep, break-away, the robot on its brakes, and a counter that tells a starved solver."""
+    """Creep, break-away, the robot on its brakes, and a counter that reveals a starved solver."""
     for run in holds:
         if run.brake:
             name = f"{run.name} ({run.backend.value})"

@@ -230,7 +230,7 @@ class WorkMeter:
         return self.robot.sim.backend.field("qpos").numpy()[:, self.robot.sim.scene.q_adr].copy()
 
     def figures(self) -> dict[str, float]:
-        """What the devices did: largest work in one step, injected and net energy per environment [J], and the gaps."""
+        """Work of the devices: largest work in one step, injected and net energy per environment [J], and the gaps."""
         work, sim = np.array(self.work), self.robot.sim
         return {
             "steps": float(len(work)),

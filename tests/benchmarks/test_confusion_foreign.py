@@ -33,7 +33,7 @@ def test_hidden_effect_is_found_in_a_foreign_device(kind: str, law: str) -> None
 
 @pytest.mark.parametrize(("law", "repeats"), [("kwok", False), pytest.param("spencer", True, marks=pytest.mark.slow)])
 def test_nothing_hidden_in_a_foreign_device_is_not_named(law: str, repeats: bool) -> None:
-    """Nothing is named; what repeats without a name, as beside Spencer's law, is unexplained."""
+    """Nothing is named; what repeats without a name, as with Spencer's law, is unexplained."""
     found = foreign("none", law)
     assert found["outcome"] == "right" and not found["causes"] and not found["faults"]
     assert bool(found["unexplained"]) == repeats

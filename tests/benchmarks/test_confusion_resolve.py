@@ -81,7 +81,7 @@ def test_a_longer_session_does_not_change_its_beginning() -> None:
 
 
 def unsure_at_first(recording: Recording, *, seed: int) -> Any:
-    """A diagnosis that needs more than twelve trajectories to tell a lag from a delay."""
+    """A diagnosis that needs more than twelve trajectories to distinguish a lag from a delay."""
     enough = len(recording.trajectories) > 12
     cause = SimpleNamespace(
         name="coil_lag", parameters={}, p_value=1e-4, alternatives=[] if enough else ["command_delay"]

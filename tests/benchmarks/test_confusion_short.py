@@ -16,7 +16,7 @@ Case = dict[str, Any]
 
 
 def cases(plan: Plan, count: int) -> list[Case]:
-    """The first cases of a plan, told as they come."""
+    """The first cases of a plan, reported as they come."""
     found = []
     for index in range(count):
         case = run_case(plan, index)
@@ -66,6 +66,6 @@ def test_structure_outside_the_catalogue_is_left_over() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["pairs", "background"])
 def test_two_causes_are_not_taken_for_others(family: str) -> None:
-    """Two effects, or one beside uncatalogued structure: what is named was hidden."""
+    """Two effects, or one next to uncatalogued structure: every named effect was hidden."""
     found = cases(Plan(family=family, level=0.8, seed=7, size="small"), 4)
     assert not misled(found) and hits(found, ("right", "ambiguous", "other")) >= len(found) - 1

@@ -108,7 +108,7 @@ def test_calibration_leaves_nothing() -> None:
 
 
 def test_seed_decides_everything() -> None:
-    """The same seed gives the same bits; another one another device, motion and noise."""
+    """One seed gives the same bits; another one another device, motion and noise."""
     one, same, other = (make_case("coil_lag", level=0.4, seed=seed, size="small") for seed in (7, 7, 8))
     for channel in ("t", "q", "qd", "current", "torque"):
         for a, b in zip(one.recording.trajectories, same.recording.trajectories, strict=True):
@@ -270,7 +270,7 @@ def test_outcomes(kinds: tuple[str, ...], background: tuple[str, ...], result: A
 
 
 def test_exact_rivals_of_a_calibration_shift_are_ambiguous() -> None:
-    """Bias and offset cannot be told apart: naming one with the other beside it counts as ambiguous."""
+    """Bias and offset cannot be distinguished: naming one with the other as its rival counts as ambiguous."""
     truth = Truth(kinds=("torque_bias",), background=(), parameters={}, depends_on=frozenset(), base={})
     result = _result("none")
     result.parameter_shift = [
@@ -285,14 +285,14 @@ def test_suite_resumes_and_prints(tmp_path: Path) -> None:
     """A suite stopped half way goes on where it stopped, with the same cases; its tables hold every case."""
     plan = Plan(family="single", size="small", kinds=("coil_lag", "cogging"), seed=3)
     lines: list[str] = []
-    run_suite(plan, 2, tmp_path, jobs=0, diagnose=blames_the_coil, told=lines.append)
+    run_suite(plan, 2, tmp_path, jobs=0, diagnose=blames_the_coil, report=lines.append)
     with (tmp_path / "cases.jsonl").open("a") as stream:
         stream.write('{"index": 2, "cut o')  # a process that was killed while it wrote
-    cases = run_suite(plan, 4, tmp_path, jobs=0, diagnose=blames_the_coil, told=lines.append)
+    cases = run_suite(plan, 4, tmp_path, jobs=0, diagnose=blames_the_coil, report=lines.append)
     assert len(lines) == 4 and [case["index"] for case in cases] == [0, 1, 2, 3]
     assert [case["outcome"] for case in cases] == ["right", "wrong", "right", "wrong"]
     assert cases[0]["seed"] == 3 * 100_003 and cases[0]["coverage"][0]["covered"]
-    again = run_suite(plan, 4, tmp_path, jobs=0, diagnose=blames_the_coil, told=lines.append)
+    again = run_suite(plan, 4, tmp_path, jobs=0, diagnose=blames_the_coil, report=lines.append)
     assert len(lines) == 4 and again == json.loads(json.dumps(cases))
     text = report(plan, cases)
     print(text)
@@ -302,21 +302,21 @@ def test_suite_resumes_and_prints(tmp_path: Path) -> None:
 
 
 def test_known_effects_alone_may_be_named(tmp_path: Path) -> None:
-    """With --known the diagnosis is told what is hidden; its cases are another suite's."""
+    """With --known the diagnosis gets the hidden effects' names; its cases are another suite's."""
     asked: list[Any] = []
 
-    def told(recording: Recording, **options: Any) -> Any:
+    def informed(recording: Recording, **options: Any) -> Any:
         asked.append(options.get("effects"))
         return blames_the_coil(recording, seed=options["seed"])
 
     plan = Plan(family="single", size="small", kinds=("coil_lag", "cogging"), seed=3)
     for index in range(2):
-        run_case(plan, index, known=True, diagnose=told)
-    run_case(plan, 0, diagnose=told)
+        run_case(plan, index, known=True, diagnose=informed)
+    run_case(plan, 0, diagnose=informed)
     assert asked == [("coil_lag",), ("cogging",), None]
-    run_suite(plan, 1, tmp_path, jobs=0, known=True, diagnose=told, told=lambda line: None)
+    run_suite(plan, 1, tmp_path, jobs=0, known=True, diagnose=informed, report=lambda line: None)
     with pytest.raises(SuiteError, match="another suite"):
-        run_suite(plan, 1, tmp_path, jobs=0, diagnose=told)
+        run_suite(plan, 1, tmp_path, jobs=0, diagnose=informed)
 
 
 def test_failures_are_outcomes() -> None:

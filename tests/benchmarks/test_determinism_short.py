@@ -143,7 +143,7 @@ def test_deterministic_repeats_on_a_gpu() -> None:
 def test_kernels_sum_nothing_atomically() -> None:
     """Each cell of our kernels is written by one thread: on a GPU their bits do not depend on the order of threads.
 
-    The one atomic counts open windows; each window's torque is its own cell, whatever its place in the list.
+    The one atomic counts open windows; each window's torque is its own cell, at any place in the list.
     """
     found = []
     for path in sorted((ROOT / "mrwarp").rglob("*.py")):

@@ -1,4 +1,4 @@
-"""Write ``generatedSchema.usda`` beside this file from ``mrwarp/params.py``: run after a change of the parameters."""
+"""Write ``generatedSchema.usda`` next to this file from ``mrwarp/params.py``: run after a change of the parameters."""
 
 from pathlib import Path
 

@@ -28,7 +28,7 @@ def test_a_slowed_ratio_is_found_and_a_faster_one_is_fine() -> None:
 
 
 def test_tolerance_grows_with_the_spread() -> None:
-    """A ratio whose quartiles lie 30 % apart in one run and 40 % in the other may be half as large again."""
+    """A ratio whose quartiles differ by 30 % in one run and by 40 % in the other may be half as large again."""
     before = {"a": {"median": 1.0, "low": 0.9, "high": 1.2}}
     now = {"a": {"median": 1.49, "low": 1.49 * 0.8, "high": 1.49 * 1.2}}
     (row,) = compare(before, now)

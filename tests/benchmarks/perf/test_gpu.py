@@ -16,7 +16,7 @@ from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
 @pytest.fixture(scope="module")
 def figures() -> dict:
-    """What a run with two robots measures."""
+    """Figures of a run with two robots."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gpu, "AIMED_AT", 2)
         patch.setattr(gpu, "COPIED", 2**22)

@@ -23,7 +23,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_time_of_all_parts_is_told_beforehand() -> None:
-    """What is left out costs nothing; more turns and more robots cost more; the quick run is about a minute."""
+    """A part left out costs nothing; more turns and more robots cost more; the quick run is about a minute."""
     quick = PerfCfg(num_envs=(64, 256), rounds=15, updates=0).estimate()
     assert list(quick) == ["start", "walking, 64 robots", "walking, 256 robots", "joint", "lstm"]
     assert 30.0 < sum(quick.values()) < 90.0
@@ -46,7 +46,7 @@ def test_result_holds_medians_ratios_checks_and_device(result: Path) -> None:
 def test_compare_passes_against_itself_and_fails_when_slowed(
     result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The same ratios pass; ratios that are twice an earlier file's end with 1 and are named."""
+    """Equal ratios pass; ratios that are twice an earlier file's end with 1 and are named."""
     earlier = json.loads((result / "result.json").read_text())
     figures = {key: earlier[key] for key in ("device", "walking", "ratios")}
     monkeypatch.setattr("benchmarks.perf.measure.run_all", lambda *_: json.loads(json.dumps(figures)))

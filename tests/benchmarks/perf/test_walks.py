@@ -1,4 +1,4 @@
-"""What is timed walks, and plain physics repeats the walk's own steps; what does not walk is refused."""
+"""The timed robots walk, and plain physics repeats the walk's own steps; robots that do not walk are refused."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Momentum in flight: what acts inside the robot, motors and MR devices alike, moves no centre of mass."""
+"""Momentum in flight: internal torques of motors and MR devices move no centre of mass."""
 
 from dataclasses import replace
 

@@ -79,7 +79,7 @@ def test_hysteresis_reference_equals_fine_steps() -> None:
 
 @pytest.mark.slow
 def test_hysteresis_reference_equals_1_us_steps() -> None:
-    """The same at 1 µs with the paper's coefficients: measured 7.5e-11 rad."""
+    """Error at 1 µs with the paper's coefficients: measured 7.5e-11 rad."""
     excitation, t = Excitation.draw(64, 0), times(0.005)
     assert np.abs(finely_stepped(excitation, t, dt=FINE) - along_the_path(excitation, t)).max() < 5e-10
 

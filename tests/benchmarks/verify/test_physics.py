@@ -1,4 +1,4 @@
-"""What the simulator must show of its physics; the figures are those of ``mrwarp verify``."""
+"""Checks of the simulator's physics; the figures are those of ``mrwarp verify``."""
 
 import json
 from pathlib import Path
@@ -102,7 +102,7 @@ def test_passivity_twenty_seconds(seed):
 @pytest.mark.parametrize("kind", list(BackendKind))
 @pytest.mark.parametrize("rig", [calf_rig, bench_rig])
 def test_holding_creep_and_breakaway(rig, kind):
-    """A held joint creeps by R*dt per torque, whatever its inertia, and lets go at tau_y.
+    """A held joint creeps by R*dt per torque, for any inertia, and lets go at tau_y.
 
     The ramp rises by 0.05 % of tau_y per step, so break-away is seen within a few steps of it.
     """
