@@ -22,7 +22,7 @@ class HoldCurrent(enum.Enum):
 
 
 class CurrentCommand(enum.Enum):
-    """What sets the coils' current: the gates and I_e alone; a law at 50 Hz; or the policy at 50 Hz, an action each.
+    """Source of the coils' current: the gates and I_e alone; a law at 50 Hz; or the policy at 50 Hz, an action each.
 
     ``latched`` is the gates and I_e, with the hysteresis of a commanded coil's gates. See :mod:`mrwarp.env.commands`.
     """
@@ -34,7 +34,7 @@ class CurrentCommand(enum.Enum):
 
 
 ARMS = ("none", "off", "fixed", "support", "latched", "scheduled", "learned")
-"""What `mrwarp study current` compares: no device; a device without current; the gates at the best fixed current, at
+"""Arms of `mrwarp study current`: no device; a device without current; the gates at the best fixed current, at
 the support current, and at the fixed one with the gates of the last arm; both ways of :class:`CurrentCommand` to
 command one at 50 Hz."""
 
@@ -76,7 +76,7 @@ TERRAINS = ("flat", "rough")
 """Grounds to train on: a plane, or the height field of :mod:`mrwarp.env.terrain`."""
 
 RANDOMIZATIONS = ("all", "ground", "none")
-"""What differs between training environments, see :func:`mrwarp.env.cfg.make_randomize_cfg`."""
+"""Differences between training environments, see :func:`mrwarp.env.cfg.make_randomize_cfg`."""
 
 CONVENTIONAL = "conventional"
 """Trained on Go1, whose joints have no MR device: configurations A and B of table 2."""
@@ -88,7 +88,7 @@ AWARE = "pg_rlstm"
 """The actuator-aware policies of configurations C and D: the paper's deployed torque model (section 6.1)."""
 
 PLANTS = (CONVENTIONAL, AWARE, *(model for model in MODELS if model != AWARE))
-"""What a policy was trained on, by name; those of table 2 first, which is the order of training."""
+"""Robots that a policy was trained on, by name; those of table 2 first, which is the order of training."""
 
 PUBLIC = "public_gains"
 """The actuator-aware plant with :data:`mrwarp.usd.robot.PUBLIC_GAINS`: policies for the pushes and falling masses of
@@ -100,7 +100,7 @@ EXPLICIT = "mr_go_sal_explicit"
 trained as the robots of tables 6 and 7."""
 
 PAYING = (*ROBOTS, EXPLICIT)
-"""What pays for power and carries loads: the robots of tables 6 and 7."""
+"""Robots that pay for power and carry loads: those of tables 6 and 7."""
 
 TRAINABLE = (*PLANTS, PUBLIC, *PAYING)
 """Everything that :func:`mrwarp.study.plan.plant_cfg` knows."""

@@ -45,10 +45,10 @@ MAX_BYTES = 2**20
 """Largest model file that is read [bytes]."""
 
 HOLDING_NOTE = (
-    "warning: holding was not measured: the yield torque is taken as the torque of slow sliding; "
+    "warning: no break-away test: the holding torque is assumed equal to the slow sliding torque; "
     "record break-away tests in holding.csv (docs/data.md) and fit again"
 )
-"""What a user is told of a device without break-away tests."""
+"""Note on a device without break-away tests."""
 
 JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 """Units of a model that the simulator can run."""
@@ -151,7 +151,7 @@ class Model:
     device_mass: Parameter | None = None
     """Mass of the device [kg]; None: not known."""
     effects: tuple[Effect, ...] = ()
-    """What acts beyond eqs. 14 and 15; among them at most one law that takes the place of eq. 15."""
+    """Effects beyond eqs. 14 and 15; among them at most one law that takes the place of eq. 15."""
     seed: int = 0
     versions: Mapping[str, str] = field(default_factory=dict)
 
@@ -167,7 +167,7 @@ class Model:
 
     @property
     def not_known(self) -> tuple[str, ...]:
-        """What a simulation needs beyond the motion that was recorded, and nobody stated."""
+        """Numbers that a simulation needs beyond the recorded motion, and nobody stated."""
         resistance, top = self.values.get("coil_resistance", 0.0), self.fitted_on.current
         found = {
             "coil resistance": not resistance,
@@ -224,7 +224,7 @@ class Model:
 
 
 def completed(model: Model, earlier: Model) -> Model:
-    """A model with what an earlier one of the same device knows besides: parameters, effects, measured currents.
+    """A model with what an earlier one of the same device also knows: parameters, effects, measured currents.
 
     What the model holds itself stands. Effects of the catalogue are the model's; others are carried along.
 
@@ -506,7 +506,7 @@ def _effect_parameter(entry: Any, spec: EffectParameter | None, units: Mapping[s
 
 
 def _allowed(spec: EffectParameter, units: Mapping[str, str]) -> str:
-    """What values of an effect's parameter make sense, with the unit."""
+    """Sensible values of an effect's parameter, with the unit."""
     unit = with_unit(effect_unit(spec, units))
     return spec.allowed() + (f", in{unit}" if unit else "")
 

@@ -35,7 +35,7 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class ParamSpec:
-    """What is known about one parameter: ``unit``, closed range ``[low, high]``, ``default``, ``source``, ``doc``."""
+    """Facts about one parameter: ``unit``, closed range ``[low, high]``, ``default``, ``source``, ``doc``."""
 
     name: str
     group: str

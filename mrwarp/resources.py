@@ -7,13 +7,13 @@ from pathlib import Path
 
 _HERE = Path(__file__).resolve().parent
 POLICIES = next((p for p in (_HERE / "policies", _HERE.parent / "policies") if p.is_dir()), _HERE / "policies")
-"""Folder of the shipped policies: inside the package when installed as a wheel, beside it in a checkout."""
+"""Folder of the shipped policies: inside the package when installed as a wheel, next to it in a checkout."""
 
 DEFAULT_POLICY = POLICIES / "mr_go_walk.onnx"
 """The shipped walking policy of the quadruped with MR calves."""
 
 MODELS = next((p for p in (_HERE / "models", _HERE.parent / "models") if p.is_dir()), _HERE / "models")
-"""Folder of the shipped networks: inside the package when installed as a wheel, beside it in a checkout."""
+"""Folder of the shipped networks: inside the package when installed as a wheel, next to it in a checkout."""
 
 DEVICES = MODELS / "devices"
 """Library of identified devices: a folder each, with ``model.json`` and ``device.json``."""
@@ -40,7 +40,7 @@ def model_path(named: str | Path) -> Path:
 
 
 def no_model(named: str | Path) -> str:
-    """What to name in place of a model file that is not there."""
+    """Suggestion in place of a model file that is not there."""
     near = difflib.get_close_matches(str(named), device_names(), n=1)
     hint = f"did you mean {near[0]}? " if near else ""
     return f"{hint}give the model.json that 'mrwarp fit' wrote, or a device of 'mrwarp device list'"

@@ -1,6 +1,6 @@
 """The folder that a run writes to: tried before the work, used by one process, every file whole or not there.
 
-After a killed process a file is what it was before, with a ``.part`` beside it at most.
+After a killed process a file is what it was before, with a ``.part`` next to it at most.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 
 try:
     import fcntl
-except ImportError:  # Windows has no such locks: there two runs in one folder are not told apart
+except ImportError:  # Windows has no such locks: there two runs in one folder are not distinguished
     fcntl = None
 
 SCHEMA = 1
@@ -122,7 +122,7 @@ def _remove_empty(folders: list[Path]) -> None:
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Give a path beside ``path`` to write to; it replaces ``path`` at the end, and is gone if the block fails.
+    """Give a path next to ``path`` to write to; it replaces ``path`` at the end, and is gone if the block fails.
 
     The folder is made if it is not there. An error that names no file, as on a full disk, names ``path``.
     """

@@ -1,4 +1,4 @@
-"""What commands share: silent libraries, one torch thread, one process that prints, progress, tables and figures.
+"""Shared parts of commands: silent libraries, one torch thread, one process that prints, progress, tables and figures.
 
 Torch, Warp and matplotlib are loaded when they are first set up, so that ``--help`` need not wait for them.
 """
@@ -85,7 +85,7 @@ def _silent_stderr() -> Iterator[None]:
 
 
 class DeviceWarning(UserWarning):
-    """What a user should know of a simulated device; a command prints it as a line without a place in the code."""
+    """Note for a user on a simulated device; a command prints it as a line without a place in the code."""
 
 
 _USUAL_WARNING = warnings.formatwarning
@@ -260,7 +260,7 @@ def drawing(name: str, note: Callable[[str], Any] = print) -> Iterator[None]:
         yield
     except OSError:
         raise
-    except Exception as error:  # whatever a picture meets
+    except Exception as error:  # any error of a picture
         note(f"note: {name} was not drawn: {' '.join(str(error).split()) or type(error).__name__}")
 
 
@@ -271,7 +271,7 @@ def closest(word: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
 
 
 NOT_KNOWN = "not known"
-"""What stands in a table in the place of a figure that hangs on a number that nobody measured."""
+"""Text in a table in place of a figure that depends on a number that nobody measured."""
 
 
 def figure_text(value: float | None, form: str, unit: str = "") -> str:

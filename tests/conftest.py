@@ -1,4 +1,4 @@
-"""What all tests share: quiet Warp, one torch thread, skipped GPU tests, and the measured data beside the checkout."""
+"""Shared by all tests: quiet Warp, one torch thread, skipped GPU tests, and the measured data next to the checkout."""
 
 import os
 from pathlib import Path
@@ -40,7 +40,7 @@ def short_gate(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder ``shared`` beside the checkout, which holds real measurements; skips where it is absent."""
+    """Folder ``shared`` next to the checkout, which holds real measurements; skips where it is absent."""
     if not SHARED.is_dir():
-        pytest.skip("no folder 'shared' with measurements beside the checkout")
+        pytest.skip("no folder 'shared' with measurements next to the checkout")
     return SHARED

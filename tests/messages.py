@@ -1,7 +1,7 @@
-"""What tests ask of a message: place, value and remedy, not the sentence around them."""
+"""Requirements of tests on a message: place, value and remedy, not the sentence around them."""
 
 
-def tells(message: str, parts: str) -> bool:
+def has_parts(message: str, parts: str) -> bool:
     """Whether the message has the parts, separated by `` .. ``, in this order; any words may stand between them."""
     at = 0
     for part in parts.split(" .. "):

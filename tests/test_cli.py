@@ -44,7 +44,7 @@ def test_what_is_no_command_is_refused(argv: list[str]) -> None:
 def test_a_full_disk_ends_in_one_line(
     named: str | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    """Whatever command it stops: exit code 1, place, cause and remedy."""
+    """For any command: exit code 1, place, cause and remedy."""
 
     def run(options: object, line: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), named)
@@ -60,7 +60,7 @@ def test_a_full_disk_ends_in_one_line(
 def test_a_second_run_in_the_same_folder_is_refused(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    """Whatever command it is, before it does anything."""
+    """For any command, before it does anything."""
     monkeypatch.setattr("mrwarp.recording.records.check_count", lambda *_: None)
     (tmp_path / "a.csv").touch()
     monkeypatch.chdir(tmp_path)
@@ -133,7 +133,7 @@ REFUSED = [
 
 
 def test_refusals_load_no_engine(tmp_path: Path) -> None:
-    """What can be seen without torch, Warp, Newton and MuJoCo is looked at before they are loaded."""
+    """Inputs that need no torch, Warp, Newton and MuJoCo are checked before they are loaded."""
     (tmp_path / "file").write_text("")
     script = f"""
 import contextlib, io, sys
@@ -180,7 +180,7 @@ def test_version(capsys: pytest.CaptureFixture) -> None:
 
 
 def test_an_option_of_another_name_is_refused_with_the_new_one(capsys: pytest.CaptureFixture) -> None:
-    """One word per thing; the kind of network keeps its earlier name beside the new one."""
+    """One word per thing; the kind of network keeps its earlier name next to the new one."""
     assert cli.main(["mission", "--seeds", "2"]) == 2
     assert "it is --trials now" in capsys.readouterr().err
     learn = dict(all_commands())["learn"].load()

@@ -1,4 +1,4 @@
-"""What recordings need runs in an environment with the core's dependencies alone; what needs more says what."""
+"""Commands on recordings run with the core's dependencies alone; commands that need more name it."""
 
 import importlib.metadata
 import os
@@ -19,7 +19,7 @@ MAX_DIRECT = 10
 """Direct dependencies of the core."""
 
 MAX_BYTES = 800e6
-"""What the core takes with all that it depends on, unpacked; Warp is half of it."""
+"""Size of the core with all that it depends on, unpacked; Warp is half of it."""
 
 
 def closure(requirements: list[str]) -> dict[str, importlib.metadata.Distribution]:

@@ -13,7 +13,7 @@ ROOMS = "mrwarp|tests|benchmarks|docs|assets|policies|models|train|viz"
 PATH = re.compile(rf"(?<![\w./-])((?:{ROOMS})/[\w./-]*[\w/])(?![\w/]*[*{{])")
 NAME = re.compile(r"\bmrwarp(?:\.[A-Za-z_]\w*)+")
 MADE = {"mrwarp/effects/end_stop.py", "assets/usd/mr_go_extended.usda"}
-"""Files that a page tells its reader to make."""
+"""Files that a page asks its reader to make."""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -61,7 +61,7 @@ def test_the_readme_is_short() -> None:
 
 
 def test_wrong_paths_and_names_are_found() -> None:
-    """What the tests above look for."""
+    """Faults that the tests above look for."""
     assert PATH.findall("see `mrwarp/nowhere.py`, [x](docs/data.md) and mrwarp/kernels/") == [
         "mrwarp/nowhere.py", "docs/data.md", "mrwarp/kernels/",
     ]  # fmt: skip

@@ -45,7 +45,7 @@ LAW_ARGUMENTS = (
     ("line", "int"), ("slot", "int"),
 )  # fmt: skip
 HYSTERESIS = "mrwarp/effects/laws/"
-"""Laws in place of eq. 15: the same arguments with displacement and last value, h in return, helpers beside them."""
+"""Laws in place of eq. 15: the same arguments with displacement and last value, h in return, with helpers."""
 HYSTERESIS_ARGUMENTS = (LAW_ARGUMENTS[0], ("q_c", "float"), ("h", "float"), *LAW_ARGUMENTS[1:])
 EFFECTS_FORBIDDEN = ("mrwarp.diagnose", "mrwarp.identify", "mrwarp.env", "torch")
 NN_FORBIDDEN = ("newton", "mujoco", "mujoco_warp", "mrwarp.env")
@@ -76,7 +76,7 @@ def groups_by_line(kernel: ast.FunctionDef, lines: list[str]) -> list[tuple[int,
 
 
 def argument_problem(arg: ast.arg, group: str | None) -> str | None:
-    """What is wrong with one argument of a kernel in its group, or None."""
+    """The fault of one argument of a kernel in its group, or None."""
     name = arg.arg
     if arg.annotation is None:
         return f"argument '{name}' has no type"

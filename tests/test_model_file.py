@@ -27,7 +27,7 @@ from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_bench, load_robot
 from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS
-from tests.messages import tells
+from tests.messages import has_parts
 
 VALUES = {
     "D": -0.1 / 3, "B": 0.1, "C": 0.2, "I1": -1e-4 / 7, "K0": 0.4, "K1": 10.4, "alpha": 0.77, "beta": 16.5,
@@ -96,7 +96,7 @@ def test_dictionary_round_trip() -> None:
 
 
 def test_missing_groups_take_defaults() -> None:
-    """What a bench does not identify comes from the defaults, or from a given joint."""
+    """Numbers that a bench does not identify come from the defaults, or from a given joint."""
     params = model().to_params()
     assert params.bouc_wen.D == VALUES["D"]
     assert params.hold.T_max == 20.0
@@ -203,7 +203,7 @@ def test_damage_is_refused_with_path_key_and_remedy(tmp_path: Path, change: Call
     with pytest.raises(ModelFileError) as error:
         load_model(path)
     assert str(error.value).startswith(str(path))
-    assert tells(str(error.value), words)
+    assert has_parts(str(error.value), words)
 
 
 @pytest.mark.parametrize(

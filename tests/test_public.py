@@ -14,7 +14,7 @@ NAMES = [
     "DriveMR", "EnvCfg", "JointBatch", "LearnedTorque", "Model", "MrParams", "OnnxPolicy", "TaskCfg", "WalkEnv",
     "diagnose", "fit", "load_model", "load_recording", "save_model",
 ]  # fmt: skip
-"""What users import. A name that goes, or changes its meaning, is a break for them: say so in the changelog."""
+"""Names that users import. A name that goes, or changes its meaning, is a break for them: say so in the changelog."""
 
 MOST = 40
 

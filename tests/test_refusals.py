@@ -19,11 +19,11 @@ from mrwarp.options.option_types import one, some
 from mrwarp.recording.load import Holding
 from mrwarp.trials.impact import ImpactCfg, Variant
 from mrwarp.usd.open_stage import ASSETS
-from tests.messages import tells
+from tests.messages import has_parts
 
 
 def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """What a command says that must refuse its input."""
+    """Message of a command that must refuse its input."""
     try:
         code = cli.main(argv)
     except SystemExit as leaving:  # argparse ends this way
@@ -46,7 +46,7 @@ SEEDED: dict[str, list[str]] = {
     "play": ["--agent", "zero"],
     "train": ["--out", "out"],
 }
-"""What else each command with a seed needs."""
+"""Further arguments of each command with a seed."""
 
 
 @pytest.mark.parametrize("seed", ["-1", "9223372036854775808", "1.5"])
@@ -73,7 +73,7 @@ def test_a_moving_average_out_of_range(command: str, length: str, capsys: pytest
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
-    """A folder with a short recording of known motion and, beside it, break-away tests."""
+    """A folder with a short recording of known motion and, next to it, break-away tests."""
     rng, t = np.random.default_rng(3), np.arange(200) * 0.005
     rows = [f"{x:.3f},{np.sin(9 * x):.6f},{9 * np.cos(9 * x):.6f},1.0,{np.cos(9 * x) + rng.normal():.6f}" for x in t]
     for name in ("data", "feet"):
@@ -104,7 +104,7 @@ LATE: dict[str, tuple[list[str], tuple[str, ...]]] = {
 def test_fit_refuses_before_it_fits(
     what: str, bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What comes after the search is read and checked before it."""
+    """Inputs of later steps are read and checked before the search."""
     monkeypatch.chdir(bench)
     monkeypatch.setattr("mrwarp.identify.fit.fit", not_reached)
     args, parts = LATE[what]
@@ -190,10 +190,10 @@ def test_bench_reads_the_policy_before_it_begins(bench: Path, capsys: pytest.Cap
 def test_an_error_stands_on_a_line_of_its_own_below_the_progress(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What ends the bench in its course leaves the line that says how far it was."""
+    """An error during the bench leaves the line that says how far it was."""
 
-    def fail(_: object, told: Callable[[float, str], None], *_more: object) -> None:
-        told(0.5, "walking")
+    def fail(_: object, report: Callable[[float, str], None], *_more: object) -> None:
+        report(0.5, "walking")
         raise ValueError("it fell")
 
     monkeypatch.setattr("mrwarp.bench.virtual_bench.run_bench", fail)
@@ -256,7 +256,7 @@ def test_a_number_out_of_range(
     """Refused when the arguments are read, with the option's name."""
     monkeypatch.chdir(tmp_path)
     line = refused([command, *args], capsys)
-    assert tells(line, message) and "argument --" in line
+    assert has_parts(line, message) and "argument --" in line
     assert not list(tmp_path.iterdir())
 
 
@@ -316,7 +316,7 @@ def test_a_refusal_says_what_is_wrong_and_what_to_do(
     command, message = MESSAGES[what]
     names = {"tmp": tmp_path, "usd": ASSETS / "mr_go.usda"}
     line = refused([word.format(**names) for word in command.split()], capsys)
-    assert tells(line, message.format(**names).removeprefix(f"{tmp_path}/"))
+    assert has_parts(line, message.format(**names).removeprefix(f"{tmp_path}/"))
     assert "Errno" not in line
     assert [path.name for path in tmp_path.iterdir()] == ["list.json"]
 
@@ -345,7 +345,7 @@ def test_the_scripts_call_themselves_what_they_are(
 
 
 def test_a_command_line_can_be_typed_again() -> None:
-    """What results keep: scripts are run by python, commands by themselves."""
+    """Commands kept in results: scripts are run by python, commands by themselves."""
     assert str(CommandLine("train/ppo.py", ("--out", "a b"))) == "python train/ppo.py --out 'a b'"
     assert str(CommandLine("mrwarp train", ("--seed", "1"))) == "mrwarp train --seed 1"
 

@@ -18,7 +18,7 @@ ON_USE = ("mrwarp/actuator/newton_drive.py", "mrwarp/viewing/live_view.py", "mrw
 
 
 def test_no_room_is_crowded() -> None:
-    """At most 20 files in a folder of the package, ten beside its folders."""
+    """At most 20 files in a folder of the package, ten next to its folders."""
     counts = Counter(path.parent.relative_to(ROOT).as_posix() for path in FILES)
     assert {room: n for room, n in counts.items() if n > (10 if room == "mrwarp" else 20)}.keys() <= CATALOGUES
 

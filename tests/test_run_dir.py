@@ -67,7 +67,7 @@ def test_a_claim_ends_with_its_process(tmp_path: Path) -> None:
 
 
 def test_a_claim_for_work_that_fails_leaves_no_empty_folder(tmp_path: Path) -> None:
-    """What was there before stays, and so does a folder with something in it."""
+    """An earlier file stays, and so does a folder with something in it."""
     for before, inside in (("", ""), ("a", ""), ("a/b", ""), ("", "kept")):
         root = tmp_path / f"{before.replace('/', '')}{inside}_case"
         (root / before).mkdir(parents=True)
@@ -95,7 +95,7 @@ def test_folder_and_file_are_made(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_old_file_stays_when_writing_fails(tmp_path: Path, error: type[BaseException]) -> None:
-    """Errors and Ctrl-C leave the old file and nothing beside it."""
+    """Errors and Ctrl-C leave the old file and nothing next to it."""
     path = write_text(tmp_path / "a.txt", "old")
     with pytest.raises(error), atomic_write(path) as partial:
         partial.write_text("half of the n")
@@ -139,7 +139,7 @@ def test_nan_becomes_null(tmp_path: Path) -> None:
 
 
 def test_a_failing_write_leaves_the_old_result(tmp_path: Path) -> None:
-    """What cannot be written as JSON raises and leaves the earlier file as it was."""
+    """Values that JSON cannot hold raise and leave the earlier file as it was."""
     path = write_result(tmp_path, {"a": 1}, seed=0, command="")
     before = path.read_text()
     with pytest.raises(TypeError):

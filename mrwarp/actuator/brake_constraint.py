@@ -12,7 +12,7 @@ IMPEDANCE = 0.9999
 """Constraint impedance: MuJoCo's cap (mjMAXIMP)."""
 
 CREEP = 1.0e-5
-"""Creep of a held joint per torque, R*dt [rad/s per N·m]: 25 N·m creep 2.5e-4 rad/s, whatever the joint's inertia."""
+"""Creep of a held joint per torque, R*dt [rad/s per N·m]: 25 N·m creep 2.5e-4 rad/s, for any inertia of the joint."""
 
 SOLIMP = (IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0)
 """``solimpfriction`` of a braked joint."""

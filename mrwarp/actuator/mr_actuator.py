@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class DrivenJoint(Protocol):
-    """What the actuator needs to know of a joint; ``mrwarp.usd.asset.JointActuator`` is one.
+    """Numbers of a joint that the actuator needs; ``mrwarp.usd.asset.JointActuator`` is one.
 
     Gains and limit are read from ``mr.motor`` where there is a device, else from the joint itself.
     """

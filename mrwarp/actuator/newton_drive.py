@@ -41,7 +41,7 @@ import newton
 import numpy as np
 import warp as wp
 from newton.actuators import Actuator, ComponentKind, DriveBase, register_actuator_component
-from newton.actuators import DriveNeuralLSTM as DriveNeuralLSTM  # timed beside ours by benchmarks/perf/newton_lstm.py
+from newton.actuators import DriveNeuralLSTM as DriveNeuralLSTM  # timed against ours by benchmarks/perf/newton_lstm.py
 
 import mrwarp.usd.open_stage  # registers the USD schema; must come before the first stage is opened
 from mrwarp.actuator import brake_constraint
@@ -119,7 +119,7 @@ class DriveMR(DriveBase):
 
     @dataclass
     class State(DriveBase.State):
-        """What the drive remembers."""
+        """Memory of the drive."""
 
         z: wp.array[Any] | None = None
         """Hysteresis state [rad], shape (N,)."""
@@ -244,7 +244,7 @@ class DriveMR(DriveBase):
         return column
 
     def use_learned(self, model: LearnedModel, *, dt: float, threads: int = 0) -> None:
-        """Run a learned torque in every joint of this drive, beside the Bouc-Wen coefficients of its file.
+        """Run a learned torque in every joint of this drive, with the Bouc-Wen coefficients of its file.
 
         It acts where the dynamic gate is open; without a foot load, always. Make the states afterwards.
 
@@ -383,7 +383,7 @@ class DriveMR(DriveBase):
 
 
 def drive_inputs(actuator: Actuator, control: newton.Control) -> Any:
-    """What holds ``mr_current`` and ``mr_foot_load`` of an actuator, to be read and written there.
+    """Holder of an actuator's ``mr_current`` and ``mr_foot_load``, to be read and written there.
 
     That is ``control``, with arrays of shape (joint_dof_count,). Newton before 1.7 hands a drive nothing from there:
     then it is the drive itself, with arrays of shape (N,), a number for each of its joints.

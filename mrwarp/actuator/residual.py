@@ -101,7 +101,7 @@ class LearnedTorque:
         self._units: tuple[Launch, ...] = ()
 
     def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
-        """Prepare to work on these arrays, see :meth:`__call__`; every state begins anew."""
+        """Prepare to work on these arrays, see :meth:`__call__`; every state is reset."""
         if ring.shape[2:] != (WINDOW, FEATURES) or not all(a.is_contiguous for a in (ring, m_dyn, tau_dyn)):
             raise ValueError(f"history of shape {ring.shape}; need contiguous arrays and (E, M, {WINDOW}, {FEATURES})")
         self._arrays = (ring.ptr, head.ptr, m_dyn.ptr, tau_dyn.ptr)
@@ -149,7 +149,7 @@ class LearnedTorque:
         self._evaluate()
 
     def reset(self, mask: wp.array) -> None:
-        """The joints of masked environments, bool (E,), begin anew with what their history then holds."""
+        """Reset the joints of masked environments, bool (E,); they begin with what their history then holds."""
         if self.carries:
             wp.launch(
                 learned.begin_kernel, dim=self._fresh.size, inputs=[mask], outputs=[self._fresh], device=self._device
@@ -304,10 +304,10 @@ def _repeat(calls: SimpleQueue[Callable[[], object] | None]) -> None:
 
 
 def with_bouc_wen(mr: MrParams, model: LearnedModel, effects: Iterable[Effect] = ()) -> MrParams:
-    """A joint's parameters with the Bouc-Wen coefficients that the model was trained beside.
+    """A joint's parameters with the Bouc-Wen coefficients that the model was trained with.
 
     The joint keeps its own neutral angle; the bench's displacement is about its own zero. ``effects`` are what acts in
-    the joint beside eqs. 14 and 15.
+    the joint in addition to eqs. 14 and 15.
 
     Raises:
         ParameterError: the model's coefficients are not those of ``BoucWenParams`` or out of a joint's range, or it was
@@ -316,9 +316,9 @@ def with_bouc_wen(mr: MrParams, model: LearnedModel, effects: Iterable[Effect] =
     """
     model.check_device(mr.to_dict())
     ours = acting(effects)
-    # a residual on plain eqs. 14 and 15 may run beside effects, but not beside another law
-    if model.is_residual and model.beside != ours and (model.beside or HYSTERESIS.keys() & ours.keys()):
-        theirs, own = (", ".join(x) or "eqs. 14 and 15 alone" for x in (model.beside, ours))
+    # a residual on plain eqs. 14 and 15 may run with effects, but not with another law
+    if model.is_residual and model.trained_with != ours and (model.trained_with or HYSTERESIS.keys() & ours.keys()):
+        theirs, own = (", ".join(x) or "eqs. 14 and 15 alone" for x in (model.trained_with, ours))
         raise ParameterError(
             f"this pg_rlstm model was trained on top of {theirs}, the joint has {own}"
             f"{'' if theirs != own else ' with other numbers'}; give both the same model.json (--bouc-wen, --model)"

@@ -12,7 +12,7 @@ part. And the PG-RLSTM removes 42 % of it, so most must follow from recent motio
 
 Sizes that have a source of their own (coil, controller, sensors, temperature, what emps shows for viscous asymmetry)
 were taken from there. Those marked "size set by Fig. 4" have none: they were raised together until plain eq. 14 with
-the paper's coefficients left about 0.55, 0.62 and 0.70 N·m; fitted anew to the bench's data it leaves about 0.37, 0.42
+the paper's coefficients left about 0.55, 0.62 and 0.70 N·m; fitted again to the bench's data it leaves about 0.37, 0.42
 and 0.50. No learned model was trained before they were fixed. Noise and what differs from run to run, which no model
 can predict, are 0.06 N·m. The mix is not known from the paper: use ``--scale-effects 0.5`` and ``2`` to see what a
 conclusion owes to it, or set each effect alone.
@@ -170,7 +170,7 @@ def _checked(name: str, value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """What the bench does to the joint; all arrays time-major."""
+    """Motion and current of the joint on the bench; all arrays time-major."""
 
     q: np.ndarray
     """Prescribed angle at 2 kHz about the bench's zero [rad], shape (S*SUBSTEPS, N)."""
@@ -182,7 +182,7 @@ class Drive:
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """What the bench records at 200 Hz; all arrays of shape (S, N)."""
+    """Columns that the bench records at 200 Hz; all arrays of shape (S, N)."""
 
     q: np.ndarray
     qd: np.ndarray
@@ -302,7 +302,7 @@ def breakaway_torque(current: np.ndarray, effects: Effects, params: MrParams, rn
 
 
 class _Run:
-    """Random draws of a batch, the same whatever effects use them."""
+    """Random draws of a batch, the same for any set of effects."""
 
     def __init__(self, rng: np.random.Generator, count: int, samples: int) -> None:
         self.gain = rng.standard_normal(count)

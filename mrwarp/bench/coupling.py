@@ -49,8 +49,8 @@ def behind_gap(
         speed = 2.0 * speed / (1.0 + np.sqrt(1.0 + 4.0 * p.alpha * speed))
         drag = p.B * (1.0 + p.alpha * speed) + stiffness[k] * slope * dt
         way = np.where(held, followed, -stiffness[k] * z * dt / (drag + 1e-12))
-        apart = q[k] - shaft - way
-        side = np.where(held, side, np.where(np.abs(apart) >= half_gap, np.sign(apart), 0.0))
+        stretch = q[k] - shaft - way
+        side = np.where(held, side, np.where(np.abs(stretch) >= half_gap, np.sign(stretch), 0.0))
         way = np.where(side != 0.0, q[k] - side * half_gap - shaft, way)
         z, shaft = along(z, way), shaft + way
         touched[k] = side != 0.0
@@ -81,12 +81,12 @@ def behind_spring(
         for i in range(6 if half_gap == 0.0 else 20):  # Newton: the spring bears what the device bears
             reached = stressed(z, v * dt, p.beta + p.gamma, p.beta - p.gamma)
             stiff = stiffness[k] / (1.0 + p.alpha * np.abs(v))
-            apart = q[k] - shaft - v * dt
-            pressed = apart - np.clip(apart, -half_gap, half_gap)
+            stretch = q[k] - shaft - v * dt
+            pressed = stretch - np.clip(stretch, -half_gap, half_gap)
             miss = pressed / compliance - stiff * reached - p.B * v
             u = np.sign(v) * reached
             slope = np.maximum(1.0 - p.beta * u - p.gamma * np.abs(u), 0.0)
-            closed = 1.0 if half_gap == 0.0 else np.abs(apart) > half_gap
+            closed = 1.0 if half_gap == 0.0 else np.abs(stretch) > half_gap
             v = v + (1.0 if i < 6 else 0.5) * miss / (closed * dt / compliance + stiff * slope * dt + p.B)
         z, shaft = stressed(z, v * dt, p.beta + p.gamma, p.beta - p.gamma), shaft + v * dt
         touched[k] = np.abs(q[k] - shaft) >= half_gap

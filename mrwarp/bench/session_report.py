@@ -1,4 +1,4 @@
-"""What a session on the virtual bench left: figures of ``result.json``, the printed tables and the picture."""
+"""Results of a session on the virtual bench: figures of ``result.json``, the printed tables and the picture."""
 
 from __future__ import annotations
 

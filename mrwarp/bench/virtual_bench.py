@@ -36,7 +36,7 @@ class BenchCfg:
     """One session on the bench."""
 
     effects: Effects = field(default_factory=Effects.defaults)
-    """What the joint does beyond eq. 14."""
+    """Effects of the joint beyond eq. 14."""
     params: MrParams = field(default_factory=MrParams)
     """The device; defaults are the paper's coefficients."""
     trajectories: int = 120
@@ -84,12 +84,12 @@ def bench_device() -> MrParams:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchData:
-    """What a session recorded."""
+    """Recordings of a session."""
 
     fit: Recording
     """Trajectories at 0, 0.5, 1.0 and 1.5 A, of which a device that takes less gets :attr:`BenchCfg.share`."""
     evaluation: Recording | None
-    """Ten other motions, each at 1.0, 1.2 and 1.5 A, likewise."""
+    """Ten other motions, each at 1.0, 1.2 and 1.5 A, with the same effects."""
     holding: Holding
     """Break-away torques."""
 

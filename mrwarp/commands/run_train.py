@@ -348,7 +348,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, StopIteration) as error:
         raise checkpoint.CheckpointError(
-            f"{path}: does not fit this version of mrwarp ({one_line(error)}); start anew"
+            f"{path}: does not fit this version of mrwarp ({one_line(error)}); start again"
         ) from error
     if ranks.main:
         print(f"going on from {path}, update {update}, with its options, in {found.out}", flush=True)

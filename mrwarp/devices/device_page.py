@@ -21,13 +21,13 @@ _HEAD = """# Identified devices
 
 Written by `mrwarp device page` from `models/devices`: change nothing here. Real devices, identified from public
 recordings; the library holds numbers, no recording. `mrwarp device list` is the table below, `mrwarp device show NAME`
-one entry. Wherever a command takes a `--model` it takes a name, too, and so does `mrwarp.load_model("NAME")`; a robot's
+one entry. A command with `--model` also takes a name, and so does `mrwarp.load_model("NAME")`. A robot's
 joint takes devices in rad, A and N·m.
 
 A number holds in the range that was recorded. Its 95 % interval comes from the fit: `-` where the data do not give one,
 or where the number was not fitted. The error on unseen runs is the RMS of measured minus predicted torque over the
-standard deviation of the measured one, each run predicted by a fit to the others; which law and which effects was
-decided with all runs in view. `also predicted` are recordings that had no part in that. CONTRIBUTING.md says how to add
+standard deviation of the measured one. Each run is predicted by a fit to the others. Law and effects were
+chosen with all runs in view. `also predicted` are recordings that had no part in that. CONTRIBUTING.md says how to add
 a device.
 """
 

@@ -21,7 +21,7 @@ from mrwarp.resources import DEVICES, device_names
 from mrwarp.runtime import closest
 
 STATED = ("title", "kind", "origin", "address", "licence", "recorded", "columns")
-"""What people write of a device: all of it is needed."""
+"""Keys that people write of a device; all are needed."""
 
 FILE = "device.json"
 
@@ -81,7 +81,7 @@ def load_device(name: str, folder: Path = DEVICES) -> Device:
 
 
 def stated_part(content: Any, path: Path) -> dict[str, str]:
-    """What people wrote of a device.
+    """The part that people wrote of a device.
 
     Raises:
         JsonFileError: an entry is missing, unknown or no text.
@@ -151,7 +151,7 @@ def range_text(device: Device) -> str:
 
 
 def not_known(device: Device) -> str:
-    """What nobody stated of the device, such as its mass; a coil is asked for where the control input is electric."""
+    """Numbers that nobody stated of the device, as its mass; a coil is named where the control input is electric."""
     electric = device.model.units["current"] in ("A", "V")
     return ", ".join(name for name in device.model.not_known if electric or name == "mass")
 
@@ -169,7 +169,7 @@ def facts(device: Device) -> list[tuple[str, str]]:
         ("not known", not_known(device)),
         ("in a robot", "yes: --model " + device.name if device.joint else _no_joint(device)),
         ("source", f"{stated['origin']}; {stated['address']}; licence {stated['licence']}"),
-        ("recorded", f"{stated['recorded']}; {stated['columns']}"),
+        ("recorded", f"{stated['recorded']}. Columns: {stated['columns']}"),
         ("made by", "; ".join(m["commands"])),
     ]
     return [(name, text) for name, text in found if text]

@@ -16,7 +16,7 @@ from mrwarp.recording.data import Recording, Trajectory, quantity, with_unit
 from mrwarp.run_dir import write_bytes
 
 PERMISSIVE = ("MIT", "BSD-3-Clause", "Apache-2.0", "CC0-1.0")
-"""Licences under which measured curves are drawn; a share-alike licence would pass to the picture."""
+"""Licences under which measured curves are drawn; a copyleft licence would pass to the picture."""
 
 _CURVES = 3
 """Most runs in a picture: the lowest, middle and highest control input."""
@@ -89,9 +89,9 @@ def _window(run: Trajectory) -> slice:
     """The middle of a run, of a whole motion there and back where it has one that is short enough."""
     above = run.q > 0.5 * (run.q.min() + run.q.max())
     up = np.flatnonzero(above[1:] & ~above[:-1])
-    apart = up[np.insert(np.diff(up) > 10, 0, True)] if len(up) else up  # noise crosses the middle several times
-    for k in range(len(apart) // 2, len(apart) - 1):
-        if apart[k + 1] - apart[k] <= _MOST:
-            return slice(int(apart[k]), int(apart[k + 1]) + 1)
+    starts = up[np.insert(np.diff(up) > 10, 0, True)] if len(up) else up  # noise crosses the middle several times
+    for k in range(len(starts) // 2, len(starts) - 1):
+        if starts[k + 1] - starts[k] <= _MOST:
+            return slice(int(starts[k]), int(starts[k + 1]) + 1)
     start = max((len(run.q) - _MOST) // 2, 0)
     return slice(start, start + _MOST)

@@ -26,7 +26,7 @@ SPEED = 99.0
 
 _OF_THE_PAPER = ("q_offset", "q_center", "D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "z_max", "T_max",
                  "K", "n", "current_max")  # fmt: skip
-"""What the paper states of its device: eqs. 14, 15 and 18. It gives neither the coil's resistance nor a mass."""
+"""The paper's statements on its device: eqs. 14, 15 and 18. It gives neither the coil's resistance nor a mass."""
 
 _OF_A_FIT = "each run, with a zero of its own, predicted by the fit to the others; the law was given, not searched"
 
@@ -97,7 +97,7 @@ def make_paper_device(library: Path) -> Device:
         },
         "predicted": (),
         "unexplained": "the paper names a delay of the current, asymmetric friction, a bias of the sensor and what "
-        "differs from run to run, without numbers (section 4.3); its network takes "
+        "differs from run to run, without numbers (section 4.3). Its network takes "
         f"{100 * paper.FIGURE_4_REDUCTION['bouc_wen']:.0f} % off the error",
         "faults": (),
         "versions": versions(),
@@ -162,7 +162,7 @@ def _predicted(result: Mapping[str, Any]) -> list[str]:
 
 
 def _unexplained(result: Mapping[str, Any]) -> str:
-    """What the model leaves, in words."""
+    """The model's unexplained error, in words."""
     if "held_out_nrmse" in result:
         what = quantity("torque", result["units"])
         return f"{100 * result['held_out_nrmse']:.1f} % of the {what}, of runs left out; causes were not searched"

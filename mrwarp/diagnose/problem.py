@@ -316,7 +316,7 @@ def _lines_that_predict(problem: Problem, fit: Fit, effect: str) -> dict[str, fl
         limits, given = (first.low(ranges), first.high(ranges)), (now[first.name], *lines.values())
         if not (found := angle_lines(problem.motion, left, *limits, given=given)):
             break
-        parts = [x.name for x in KNOWN[effect].parameters if x.beside == p.name]
+        parts = [x.name for x in KNOWN[effect].parameters if x.requires == p.name]
         numbers = [{p.name: found[0], **{x: float(x == part) for x in parts}} for part in parts]
         waves = list(_torques(problem, fit, effect, numbers) - fit.torque)
         sizes, after = _beside(problem, fit, [*columns, *waves])

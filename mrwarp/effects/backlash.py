@@ -12,7 +12,7 @@ with ``K = (K0 + K1*I)/(1 + alpha*|dy/dt|)``: eq. 15 unloads by ``dz/dy = 1 + r*
 first unloads in contact, down to zero or to where the shaft cannot follow; then the gap opens without torque, and the
 other side loads after a path of 2b. Friction, viscosity and inertia of the device act behind the gap. D, C*q_c and I1*I
 of eq. 14, zero and mounting of the sensor, act before it. With an elastic element both are solved together
-(:func:`mrwarp.effects.path.play_and_spring`). Beside another hysteresis than eq. 15's the shaft's
+(:func:`mrwarp.effects.path.play_and_spring`). With another hysteresis than eq. 15's the shaft's
 speed is found with that law (:func:`mrwarp.effects.path.law_behind_shaft`); other effects act before the gap then.
 """
 

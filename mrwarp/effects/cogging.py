@@ -32,7 +32,7 @@ def _more(k: int) -> tuple[EffectParameter, ...]:
     periods = f"periods_{k}"
     return (
         *(
-            EffectParameter(name=f"{part}_{k}", unit="N·m", scale=(0, 0, 1), form=True, beside=periods)
+            EffectParameter(name=f"{part}_{k}", unit="N·m", scale=(0, 0, 1), form=True, requires=periods)
             for part in ("sine", "cosine")
         ),
         EffectParameter(

@@ -2,12 +2,12 @@
 
 A drive turns against an output that stands still (locked, or held by a load): the friction of the drive comes first,
 then play of half-gap b, then an elastic element of stiffness k. In the gap the drive bears its own friction only, so
-this is beside the hysteresis of eq. 15, where :mod:`mrwarp.effects.backlash` has the device behind the gap. The usual
-test of a gearbox, output locked and torque ramped, shows it: lost motion 2b, torsional stiffness k. Without play it
-would be C of eq. 14.
+this is parallel to the hysteresis of eq. 15, where :mod:`mrwarp.effects.backlash` has the device behind the gap. The
+usual test of a gearbox, output locked and torque ramped, shows it: lost motion 2b, torsional stiffness k. Without play
+it would be C of eq. 14.
 
 Where the output was locked at another place in each run (``own_middle`` = 1), the middle of the gap is taken as the
-middle of the run's range, as torque that is ramped to both sides alike gives it; else, and in the simulator, it is
+middle of the run's range, as torque that is ramped equally to both sides gives it; else, and in the simulator, it is
 where C of eq. 14 is at rest.
 """
 

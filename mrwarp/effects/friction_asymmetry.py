@@ -1,4 +1,4 @@
-"""Friction that differs by direction: ``F*|tanh(qd/v)| + B*|qd|`` beside eq. 14's viscous torque, which may thin.
+"""Friction that differs by direction: ``F*|tanh(qd/v)| + B*|qd|`` on top of eq. 14's viscous torque, which may thin.
 
 The hysteretic torque may differ too: ``1 + y*sgn(z)`` times it. Unlike F it builds up with the stress, and is absent
 where the device bears nothing.

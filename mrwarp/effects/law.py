@@ -1,7 +1,7 @@
-"""What an effect is: a named physical law beyond eqs. 14 and 15, with its parameters and its place in the path.
+"""Definition of an effect: a named physical law beyond eqs. 14 and 15, with its parameters and its place in the path.
 
 A law is a ``@wp.func`` that changes a :class:`Path`, the quantities of one joint at one step. All laws have the same
-arguments, so that the path can be composed of whatever the catalogue holds (:mod:`mrwarp.effects.path`):
+arguments, so that the path can be composed of all laws of the catalogue (:mod:`mrwarp.effects.path`):
 
 ``law(s, values, row, at, memory, line, slot) -> Path`` with ``values[row, at]`` the law's first parameter and
 ``memory[line, slot]`` its first state. At null values a law returns the path untouched.
@@ -95,7 +95,7 @@ Kind = Literal["mechanism", "sensor", "calibration", "law"]
 
 @dataclass(frozen=True, kw_only=True)
 class Ranges:
-    """What a data set (or a joint's use) covers; in the units of the samples."""
+    """Ranges that a data set (or a joint's use) covers; in the units of the samples."""
 
     q: float = 1.0
     """Whole range of the angle."""
@@ -139,10 +139,10 @@ class EffectParameter:
     """Why it cannot be larger, in words."""
     starts: Callable[[Ranges], tuple[float, ...]] | None = None
     """Values from which a non-linear parameter is searched; None: the torque is smooth in it at its null value."""
-    beside: str = ""
+    requires: str = ""
     """Name of the number of repetitions without which this number does nothing."""
     repeats: bool = False
-    """Whether it counts repetitions along the angle. Of a joint that turns on and on the mismatch's spectrum tells them
+    """Whether it counts repetitions along the angle. Of a joint that turns on and on the mismatch's spectrum gives them
     better than any search would, and they are not searched."""
     preset: Callable[[Ranges], float] | None = None
     """Value of a parameter that is not searched but set by what the data cover."""
@@ -154,8 +154,9 @@ class EffectParameter:
     """Whether it only bends the law: null while causes are searched, fitted for the reported fit where that predicts
     clearly better, and absent from a model otherwise."""
     carried: bool = False
-    """Whether it is that share of an inertia whose torque adds to a load: searched beside ``rotor_inertia`` only, where
-    the control input is a torque or a force. None of the inertia is then no better a guess than any part of it."""
+    """Whether it is that share of an inertia whose torque adds to a load: searched together with ``rotor_inertia``
+    only, where the control input is a torque or a force. None of the inertia is then no better a guess than any part of
+    it."""
     optional: bool = False
     """Whether a model may do without it: then it is null."""
     negative: bool = True
@@ -164,7 +165,7 @@ class EffectParameter:
     """Whether the law divides by it, so that it must be above 0."""
 
     def allowed(self) -> str:
-        """What values make sense, in words."""
+        """Sensible values, in words."""
         return "above 0" if self.divides else "any finite number" if self.negative else "0 or more"
 
     def allows(self, value: float) -> bool:
@@ -186,7 +187,7 @@ A contact that slips at once, or a few times later, does so between samples: nei
 """
 
 DIRECTED_FRICTION_SPEED = replace(DRY_FRICTION_SPEED, preset=lambda r: 0.0035 * r.qd)
-"""The same of friction that differs by direction, which follows the speed and has no memory."""
+"""The value for friction that differs by direction, which follows the speed and has no memory."""
 
 STRAIN_TIME = wp.constant(0.005)
 """Time in which a dry contact is strained until it slips, at the speed of its change of sign [s]: the paper's step."""
@@ -222,7 +223,7 @@ class EffectLaw:
     title: str
     """The effect in two or three words."""
     sentence: str
-    """What it means to a mechanical engineer, in one sentence."""
+    """Its meaning to a mechanical engineer, in one sentence."""
     equation: str
     kind: Kind
     """``mechanism``: part of the device; ``sensor``: only in what is measured; ``calibration``: a shift of constants
@@ -232,14 +233,14 @@ class EffectLaw:
     law: Any
     """The ``@wp.func``."""
     adds: bool = False
-    """Whether it only adds to the torque, whatever the hysteresis bears, and nothing where its linear numbers are 0."""
+    """Whether it only adds to the torque, independent of the hysteresis, and nothing where its linear numbers are 0."""
     states: int = 0
     """Numbers that the law remembers from step to step."""
     source: str = ""
     depends_on: tuple[str, ...] = ()
     """Variables along which it shows."""
     remedy: str = ""
-    """What to do about it on the bench or the device."""
+    """The remedy on the bench or the device."""
 
     def defaults(self) -> dict[str, float]:
         """All parameters at null."""

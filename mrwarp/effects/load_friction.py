@@ -1,7 +1,7 @@
 """Dry friction that grows with the control input: ``F1*|u + J*qdd|*s``, s as of Coulomb friction.
 
 The control input u presses the rubbing parts together: a load that a gear carries, the pressure behind a seal. It
-brakes whatever the sign of u, where the hysteresis of eq. 14 with ``K1*I`` would drive for a load that changes sign.
+brakes for either sign of u, where the hysteresis of eq. 14 with ``K1*I`` would drive for a load that changes sign.
 A gear carries what accelerates the load, too: J is the inertia behind it. Where friction is larger when the load is
 driven than when it drives, as in Duclusaud's M5, the difference is ``I1*u`` of eq. 14: ``|u|*s`` where u brakes and
 ``-|u|*s`` where it drives is u itself.

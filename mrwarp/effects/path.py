@@ -4,7 +4,7 @@ The stages are composed from the catalogue when this module is loaded. At null v
 of the plain laws. Two effects need more than one step's quantities, so the caller provides them: the command as it was
 ``command_delay`` ago, and the heat that ``temperature_drift`` has stored.
 
-Warp compiles a kernel anew when its source changes, or that of a function it names. A law that a static loop picks is
+Warp compiles a kernel again when its source changes, or that of a function it names. A law that a static loop picks is
 not among those, so each stage names the checksum of all laws: an edited law never runs as it was compiled before.
 """
 
@@ -47,7 +47,7 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
 
 @wp.func
 def play_and_spring(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
-    """The shaft's path where play and an elastic element in series stand before it, beside eq. 15.
+    """The shaft's path where play and an elastic element in series stand before it, with eq. 15.
 
     On a reversal the element unwinds in contact, then the gap opens without torque, then the element is wound the other
     way. Each part of the step on one side of a reversal is solved by itself.
@@ -102,7 +102,7 @@ def motion_path(
 ) -> Path:
     """From the measured motion to that of the device's shaft, with its path on both sides of a reversal.
 
-    What stands before the shaft takes its share here beside eq. 15 (``law`` = 0); beside a law it is
+    What stands before the shaft takes its share here with eq. 15 (``law`` = 0); with another law it is
     :func:`law_path` that finds it.
     """
     s.z = z

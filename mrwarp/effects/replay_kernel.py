@@ -3,7 +3,7 @@
 One kernel, generated twice: with the path of :mod:`mrwarp.effects.path`, and without effects. Both advance z over the
 path of the shaft, which eq. 15 depends on alone; they differ in how they find it between two samples. The one with
 effects takes the cubic that meets velocity and acceleration at both, and stops where the shaft turns. The one without
-takes parts of an interpolated velocity, or the simulator's own step, and knows three laws of a real damper besides:
+takes parts of an interpolated velocity, or the simulator's own step, and also has three laws of a real damper:
 saturation, softening and creep, each absent at 0.
 """
 

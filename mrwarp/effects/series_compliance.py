@@ -5,16 +5,16 @@ coupling, a belt, the teeth of a gear, the frame. The shaft has no mass, so what
 stress and drag. Where stress builds up by dz/dy, the shaft takes the share ``1/(1 + c*K*dz/dy)`` of the joint's way:
 little of it at a stiff stress, all of it when the device slides. The sliding torque is the same; the loop reaches it
 over a longer way, by c times that torque, so at a high current later than at a low one. At a single current it is hard
-to tell from a softer K.
+to distinguish from a softer K.
 
 Its two sides may differ, as the stops of a coupling do that is harder one way than the other: ``c*(1 + d)`` where the
 torque is positive, ``c*(1 - d)`` where it is negative; behind play that is play with different stops.
 
-Each step finds the shaft's way at which both bear the same, within a bracket that holds it whatever the step's length;
+Each step finds the shaft's way at which both bear the same, within a bracket that holds it for any length of the step;
 no mass and no time step are in it. D, C*q_c, I1*I and the torques of other effects act at the joint. Drag and
 weakening are those of the joint's speed: weakened by its own, a shaft without mass would stick and slip. Behind play
 (:mod:`mrwarp.effects.backlash`) both are solved together (:func:`mrwarp.effects.path.play_and_spring`), and drag is the
-shaft's. Beside another hysteresis than eq. 15's the shaft's speed is found with that law
+shaft's. With another hysteresis than eq. 15's the shaft's speed is found with that law
 (:func:`mrwarp.effects.path.law_behind_shaft`), and drag is the shaft's.
 """
 

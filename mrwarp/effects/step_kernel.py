@@ -22,7 +22,7 @@ from mrwarp.kernels.pd import pd_torque
 
 @wp.struct
 class EffectArrays:
-    """What the effects of E x M devices need in a step; all are null without effects."""
+    """Arrays of the effects of E x M devices in a step; all are null without effects."""
 
     values: wp.array2d[float]
     """Parameters, shape (E*M or M, COLUMNS)."""
@@ -45,7 +45,7 @@ def make_step_kernel(effects: bool) -> Any:
 
     @wp.kernel(enable_backward=False, module="unique")
     def step_kernel(
-        # parameters: environments and joints that a thread takes are this far apart; struct, shape (E or 1, M); slot of
+        # parameters: environments and joints of a thread have this stride; struct, shape (E or 1, M); slot of
         # joint j or -1, (J,), and leg of each device or -1, (M,); motor gains, (E or 1, J), of joints without a device
         # (others have theirs in the struct); step [s]; switches: damping and holding branch allowed, holding current,
         # exact step of z, 1 = brake constraint, 0 = explicit torque; hysteresis of the holding gate, see gated_command

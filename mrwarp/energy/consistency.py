@@ -9,7 +9,7 @@ from mrwarp import paper
 from mrwarp.energy.power import NAME_PLATE
 
 STANDING = paper.MISSION_POWER["go1"]["standby"] - paper.MISSION_POWER["mr_go"]["standby"]
-"""What holding saves standing robots in the paper [W], section 6.5: Go1 on its motors, MR_Go on its devices."""
+"""Power that holding saves standing robots in the paper [W], section 6.5: Go1 on its motors, MR_Go on its devices."""
 
 STANDING_MASS = paper.MASS["go1"] + paper.arm_load()
 """Mass that stood on motors there [kg]: Go1 with arm and item."""
@@ -29,7 +29,7 @@ def walking_speed(robot: str, energy: float) -> float:
 
 
 def hidden_load(first: str, second: str, speed: float) -> float:
-    """Constant power [W] beside the measured one that makes the energy ratio the depletion ratio, at equal speed.
+    """Constant power [W] not measured that makes the energy ratio the depletion ratio, at equal speed.
 
     ``(E2 + X T)/(E1 + X T) = r`` gives ``X = (r E1 - E2)/((1 - r) T)``.
     """
@@ -107,7 +107,7 @@ def holding_bound(share: float, mass: float, *, standing: float = STANDING, refe
 
 
 def paper_bounds(source: Literal["hardware", "simulation"]) -> list[dict[str, Any]]:
-    """The bound by the paper's own activation beside its own saving, for each condition of table 7.
+    """The bound by the paper's own activation, and its own saving, for each condition of table 7.
 
     ``source``: whose mean share of time with the holding gate open.
     """

@@ -86,7 +86,7 @@ def _group_of(name: str, where: str, group: str) -> str:
 
 
 def fitted_names(*groups: str) -> tuple[str, ...]:
-    """What --calibrate fits in these groups, as ``group.name``."""
+    """Numbers that --calibrate fits in these groups, as ``group.name``."""
     return tuple(f"{group}.{name}" for group in groups for name in CALIBRATED[group])
 
 
@@ -181,7 +181,7 @@ def calibrate(
     are fitted.
 
     Raises:
-        ValueError: fewer than one row more than numbers, or rows that cannot tell them apart.
+        ValueError: fewer than one row more than numbers, or rows that cannot separate them.
     """
     cfg = cfg or ElectricalCfg()
     fitted = [name for name in CALIBRATED["electrical"] if name not in hold]
@@ -199,7 +199,7 @@ def calibrate(
     matrix = np.column_stack([powers(replace(bare, **{name: 1.0})) - rest for name in fitted])
     scaled = matrix / np.maximum(np.abs(matrix).max(axis=0), 1e-12)
     if np.linalg.matrix_rank(scaled, tol=1e-9) < len(fitted):
-        raise ValueError(f"the rows cannot tell {' and '.join(fitted)} apart; give rows of other loads and motions")
+        raise ValueError(f"the rows cannot separate {' and '.join(fitted)}; give rows of other loads and motions")
     measured = np.array([row.measured for row in rows])
     specs = {spec.name: spec for spec in cfg.specs()}
     low, high = ([getattr(specs[name], end) for name in fitted] for end in ("low", "high"))
@@ -222,7 +222,7 @@ def calibrate(
 def sensitivity(
     rows: Sequence[MeasuredPower], figure: Callable[[ElectricalCfg], dict[str, float]], cfg: ElectricalCfg
 ) -> dict[str, list[dict[str, float]]]:
-    """Predicted figures with each number at the ends of its range, calibrated anew each time.
+    """Predicted figures with each number at the ends of its range, calibrated again each time.
 
     An assumed number stands at the ends of :data:`VARIED` and the calibrated ones are fitted; a calibrated number
     stands at the ends of its 95 % interval, cut to its range, and the others are fitted: together they still have to

@@ -5,7 +5,7 @@ The power is electronics + copper loss + drive friction + mechanical power + coi
 Per joint, with the motor's torque ``tau`` and mechanical power ``tau*qd`` at the joint:
 
     copper         = 3/2 R (tau/(g Kt))^2         three-phase winding, peak phase current, g = extra gear of the calf
-    drive_friction = tau_f <|qd|>                 what motor and gear lose by turning, whatever they carry
+    drive_friction = tau_f <|qd|>                 loss of motor and gear by turning, at any load
     mechanical     = <(tau*qd)+>/eta              what the motor drives, through a gear of efficiency eta
     regenerated    = rho*eta*<(tau*qd)->          what the joint gives back; rho = share that reaches the supply
 
@@ -40,7 +40,7 @@ motor behind another gear. Source: unitree_go1 of MuJoCo Menagerie."""
 
 @dataclass(frozen=True, kw_only=True)
 class ElectricalCfg(ParamGroup):
-    """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not the two apart."""
+    """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not each of the two."""
 
     electronics: float = param(
         32.4, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
@@ -56,8 +56,8 @@ class ElectricalCfg(ParamGroup):
         3.03, "N·m", 0.0, 10.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; MuJoCo Menagerie's Go1 has "
         "0.2, and a damping of 1 to 2 N·m·s/rad that is in part its controllers'",
-        "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and whatever else of the drive "
-        "grows with motion and not with load.",
+        "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and every other loss of the "
+        "drive that grows with motion and not with load.",
     )  # fmt: skip
     torque_constant: float = param(
         0.639, "N·m/A", 0.45, 0.75,
@@ -89,7 +89,7 @@ class ElectricalCfg(ParamGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class JointLoad:
-    """What a robot's joints did on average over a time; leading axes are free, J = 12 joints, M devices (0 without)."""
+    """Means of a robot's joints over a time; leading axes are free, J = 12 joints, M devices (0 without)."""
 
     torque_square: np.ndarray
     """Motor torque squared [(N·m)^2], shape (..., J)."""
@@ -154,11 +154,11 @@ def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0, joints: in
 def copper_as_go1(limits: np.ndarray, power: float, cfg: ElectricalCfg) -> np.ndarray:
     """Copper loss per torque squared of motors as good as Go1's [W/(N·m)^2], shape (J,).
 
-    At its joint's torque limit each loses what Go1's does at its own, times the robot's power beside Go1's.
+    At its joint's torque limit each loses what Go1's does at its own, times the robot's power relative to Go1's.
 
     Args:
         limits: Torque limits of the joints [N·m], shape (J,).
-        power: Mass times speed of the robot beside Go1's [1].
+        power: Mass times speed of the robot relative to Go1's [1].
         cfg: Numbers of Go1's motors.
     """
     return power * copper_factor(replace(cfg, calf_gear=1.0), joints=len(limits)) * (GO1_LIMIT / limits) ** 2

@@ -15,8 +15,8 @@ from mrwarp.usd.scene_report import label
 CONVERSION_DT = 0.005
 """Physics step of the trial conversion [s]; any positive number does."""
 
-BESIDE = 0.3
-"""How far beside the feet of one or two legs the weight may be, as a share of the trunk's height."""
+OUTSIDE_FEET = 0.3
+"""How far outside the feet of one or two legs the weight may be, as a share of the trunk's height."""
 
 LEVEL = 0.01
 """Largest difference of the soles' heights in the neutral stance [m]."""
@@ -56,8 +56,8 @@ def check_stance(asset: RobotAsset, scene: Scene) -> None:
     weight = data.subtree_com[0, :2] - data.qpos[:2]
     low, high = soles[:, :2].min(axis=0), soles[:, :2].max(axis=0)
     if len(soles) < 3:  # they span a line: the gait, not the stance, keeps it up
-        low, high = low - BESIDE * scene.stand_height, high + BESIDE * scene.stand_height
+        low, high = low - OUTSIDE_FEET * scene.stand_height, high + OUTSIDE_FEET * scene.stand_height
     if not ((low < weight) & (weight < high)).all():
         spans = " and ".join(f"{a:.3f} to {b:.3f}" for a, b in zip(low, high, strict=True))
         at = f"{weight[0]:.3f}, {weight[1]:.3f}"
-        raise AssetError(f"{where} the feet span {spans} m, the centre of mass is beside them at ({at}) m; {remedy}")
+        raise AssetError(f"{where} the feet span {spans} m, the centre of mass is outside them at ({at}) m; {remedy}")

@@ -28,7 +28,7 @@ class Backend(Protocol):
     residual_tolerance: float
     """Largest residual of a converged solve [N·m], by the engine's precision."""
     overflow: wp.array
-    """What the engine says of dropped contacts and constraint rows, int, shape (E, C); it rises and stays."""
+    """The engine's flags of dropped contacts and constraint rows, int, shape (E, C); it rises and stays."""
     overflow_mask: int
     """Its bits that mean one was dropped."""
 

@@ -48,9 +48,9 @@ class EnvCfg:
     actuator_file: str | None = None
     """Trained network (.safetensors) of a learned ``actuator_model``; none for the others."""
     lstm_state: LstmState = LstmState.CARRIED
-    """What the LSTM of a learned ``actuator_model`` begins each sample with."""
+    """State with which the LSTM of a learned ``actuator_model`` begins each sample."""
     residual_engine: ResidualEngine = ResidualEngine.KERNELS
-    """What evaluates the network of a learned ``actuator_model``; torch is the slower one."""
+    """Backend that evaluates the network of a learned ``actuator_model``; torch is the slower one."""
     window_capacity: float = 1.0
     """GPU threads for a learned torque as a share of all devices; if more gates are open they take several in turn.
     16 % are while walking."""
@@ -70,7 +70,7 @@ class EnvCfg:
     """Fixed currents I_e over equal groups of environments [A], eq. 20. The default stands for shares of the largest
     current that a device takes; ``env.cfg`` has the numbers."""
     current: CurrentCommand = CurrentCommand.FIXED
-    """What commands the coils within that, see :mod:`mrwarp.env.commands`."""
+    """Source of the coils' command within that, see :mod:`mrwarp.env.commands`."""
     coil_lag: float | None = None
     """Time constant of all coils [s]; None keeps the devices' own."""
     hold_speed: float | None = None
@@ -96,7 +96,7 @@ class EnvCfg:
     fall_tilt: float = 0.9
     """Or when it leans further than this [rad]."""
     fall_cost: float = 0.0
-    """What a fall takes from the reward, besides what is earned no more."""
+    """Cost of a fall in the reward, in addition to what is no longer earned."""
     seed: int = 0
     """Seed of every random draw of the environment."""
 

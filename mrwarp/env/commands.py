@@ -1,4 +1,4 @@
-"""What drives a robot: velocity commands, a policy's joint targets, coil currents; and what was spent on them.
+"""Commands of a robot: velocity, a policy's joint targets, coil currents; and the effort spent on them.
 
 Coils may be commanded at 50 Hz, by a law or by the policy. A device's coil gets its current while one of its gates is
 open (200 Hz), else none; the coil's lag follows. Without a command (``fixed``) nothing of this runs, and the gates take
@@ -67,7 +67,7 @@ def command_kernel(
 
 
 def draw_commands(s: WalkState, cfg: CommandCfg, step_dt: float, begins: wp.array) -> Launch:
-    """What draws a command where an episode begins, mask (E,), and every ``period``; ``step_dt`` in s."""
+    """Launch that draws a command where an episode begins, mask (E,), and every ``period``; ``step_dt`` in s."""
     ranges = zip(cfg.v_x, cfg.v_y, cfg.yaw_rate, strict=True)
     low, high = (torch.tensor(side, device=s.command.device) for side in ranges)
     period = max(round(cfg.period / step_dt), 1) if math.isfinite(cfg.period) else 0
@@ -76,7 +76,7 @@ def draw_commands(s: WalkState, cfg: CommandCfg, step_dt: float, begins: wp.arra
 
 @wp.func
 def spent(ledger: wp.array3d[float], copper: wp.array[float], env: int) -> wp.vec2:
-    """What all joints spent since the reset: integral of the squared motor torques [(N·m)^2 s]; electrical energy [J].
+    """Effort of all joints since the reset: integral of the squared motor torques [(N·m)^2 s]; electrical energy [J].
 
     The energy is the motors' copper loss and mechanical work, given-back work counted in full, and the coils' loss.
 
@@ -152,7 +152,7 @@ def effort_kernel(
 
 
 def take_actions(s: WalkState, scale: float, copper: wp.array) -> Launch:
-    """What writes joint targets from ``s.actions``, ``scale`` [rad] for each.
+    """Launch that writes joint targets from ``s.actions``, ``scale`` [rad] for each.
 
     ``copper``: loss of each motor per torque squared [W/(N·m)^2], shape (J,).
     """
@@ -234,7 +234,7 @@ def current_kernel(
 
 
 def command_current(s: WalkState, command: CurrentCommand, params: wp.array, joint_of: wp.array) -> list[Launch]:
-    """What writes ``s.current_command`` from the state at the begin of a policy step; nothing for fixed currents.
+    """Launch that writes ``s.current_command`` from the state at a policy step's begin; nothing for fixed currents.
 
     Args:
         s: The task's arrays.
@@ -250,7 +250,7 @@ def command_current(s: WalkState, command: CurrentCommand, params: wp.array, joi
 
 
 def account(s: WalkState, copper: wp.array, step_dt: float, gait_frequency: float) -> Launch:
-    """What ends a policy step of ``step_dt`` [s]: effort, power, the gait clock [Hz] and the count of policy steps.
+    """Launch that ends a policy step of ``step_dt`` [s]: effort, power, gait clock [Hz] and count of policy steps.
 
     ``copper``: loss of each motor per torque squared [W/(N·m)^2], shape (J,).
     """

@@ -32,7 +32,7 @@ SPEED_SPREAD = wp.constant(0.1)
 
 @dataclass(frozen=True, kw_only=True)
 class RandomizeCfg:
-    """What differs between environments during training. Ranges are multiplied or added as the names say."""
+    """Differences between environments during training. Ranges are multiplied or added as the names say."""
 
     friction: tuple[float, float] = (0.5, 1.1)
     """Sliding friction of ground and feet [1]."""
@@ -49,7 +49,7 @@ class RandomizeCfg:
 
 
 def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
-    """What differs between training environments: a kind of :data:`RANDOMIZATIONS`, else ValueError.
+    """Differences between training environments: a kind of :data:`RANDOMIZATIONS`, else ValueError.
 
     ``all`` is everything that :class:`RandomizeCfg` has; ``ground`` friction and kicks, what legged_gym randomises by
     default, and nothing of the robot.
@@ -65,7 +65,7 @@ def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
 
 @wp.kernel(enable_backward=False)
 def begin_episode_kernel(
-    # parameters: environments that a thread takes are this far apart; height of the trunk over the ground [m]; joint
+    # parameters: environments of a thread have this stride; height of the trunk over the ground [m]; joint
     # addresses, shape (J,); neutral stance [rad], shape (J,); middles of the tiles [m], shape (levels, kinds, 3);
     # what clear_rows zeroes
     rows: int,
@@ -115,7 +115,7 @@ def begin_episode_kernel(
 
 @wp.kernel(enable_backward=False)
 def device_kernel(
-    # parameters: environments that a thread takes are this far apart; number of the parameter among the drawn ones;
+    # parameters: environments of a thread have this stride; number of the parameter among the drawn ones;
     # least and largest factor [1]
     rows: int,
     number: int,
@@ -159,7 +159,7 @@ def push_kernel(
 
 
 def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor | None) -> list[Launch]:
-    """What starts a new episode in masked environments, near the neutral stance, at any gait phase.
+    """Launch that starts a new episode in masked environments, near the neutral stance, at any gait phase.
 
     The others stay bit-equal.
 
@@ -188,7 +188,10 @@ def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor
 
 
 def draw_devices(s: WalkState, cfg: RandomizeCfg | None, actuator: MrActuator, mask: wp.array) -> list[Launch]:
-    """What draws new devices where the mask (E,) is set: a factor on each of :data:`SCALED`; nothing without a cfg."""
+    """Launch that draws new devices where the mask (E,) is set: a factor on each of :data:`SCALED`.
+
+    Nothing without ``cfg``.
+    """
     if cfg is None or not actuator.mr_joints:
         return []
     assert len(SCALED) * len(actuator.mr_joints) <= WIDTH
@@ -204,7 +207,10 @@ def draw_devices(s: WalkState, cfg: RandomizeCfg | None, actuator: MrActuator, m
 
 
 def push(s: WalkState, cfg: RandomizeCfg | None, step_dt: float) -> list[Launch]:
-    """What kicks the trunk sideways at random times, by policy steps of ``step_dt`` [s]; nothing without a cfg."""
+    """Launch that kicks the trunk sideways at random times, by policy steps of ``step_dt`` [s].
+
+    Nothing without ``cfg``.
+    """
     if cfg is None or cfg.push_speed <= 0.0:
         return []
     return [record(push_kernel, len(s.q), [step_dt / cfg.push_interval, cfg.push_speed, s.key], [s.qvel])]

@@ -29,9 +29,9 @@ class Legs:
     axes: wp.array2d[wp.vec3]
     """Their axes in the trunk frame with all joints at 0, shape (L, K)."""
     anchors: wp.array2d[wp.vec3]
-    """A point on each axis [m], likewise."""
+    """A point on each axis [m], in the same order."""
     feet: wp.array[wp.vec3]
-    """Centres of the feet [m], likewise, shape (L,)."""
+    """Centres of the feet [m], by leg, shape (L,)."""
     radii: wp.array[float]
     """Radius of each foot's sphere [m], shape (L,)."""
     hips: wp.array[float]
@@ -79,10 +79,10 @@ def legs_of(scene: Scene, device: str = "cpu") -> Legs:
         zero = np.stack([front * hip[0], side * (hip[1] + thigh[1]), np.full(4, -legs.thigh - legs.calf)], axis=1)
         mirrored = np.stack([[front * hip[0], side * hip[1], 0.0 * side], zero.T * [[1.0], [1.0], [0.0]]])
         axes, anchors = axes[:12], anchors[:12]  # joints of no leg come after those of the legs
-        alike = np.allclose(axes, np.tile([[1, 0, 0], [0, 1, 0], [0, 1, 0]], (4, 1)), atol=1e-6)
-        alike = alike and np.allclose(data.geom_xpos[scene.feet], zero, atol=1e-6)
-        alike = alike and np.allclose(np.stack([anchors[0::3], anchors[1::3]]), mirrored.transpose(0, 2, 1), atol=1e-6)
-        legs.planar = int(alike and np.allclose(anchors[2::3], zero + [0.0, 0.0, legs.calf], atol=1e-6))
+        equal = np.allclose(axes, np.tile([[1, 0, 0], [0, 1, 0], [0, 1, 0]], (4, 1)), atol=1e-6)
+        equal = equal and np.allclose(data.geom_xpos[scene.feet], zero, atol=1e-6)
+        equal = equal and np.allclose(np.stack([anchors[0::3], anchors[1::3]]), mirrored.transpose(0, 2, 1), atol=1e-6)
+        legs.planar = int(equal and np.allclose(anchors[2::3], zero + [0.0, 0.0, legs.calf], atol=1e-6))
     return legs
 
 
@@ -176,7 +176,7 @@ def derived_kernel(
 
 
 def derive(s: WalkState, mask: wp.array, contact_force: float, legs: Legs) -> Launch:
-    """What writes height, gravity, velocity, leg phases and contacts that match the clock, where the mask (E,) is set.
+    """Launch that writes height, gravity, velocity, leg phases and matching contacts where the mask (E,) is set.
 
     A foot touches the ground above ``contact_force`` [N].
     """

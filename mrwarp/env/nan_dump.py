@@ -1,4 +1,4 @@
-"""What the NaN guard finds in an environment in which a number went wrong: its file (safetensors), as text, as picture.
+"""Findings of the NaN guard in an environment with a wrong number: as file (safetensors), as text, as picture.
 
 Loads neither Warp nor torch.
 """
@@ -42,7 +42,7 @@ class Column:
     """One number of a kept state."""
 
     quantity: str
-    """What it is, e.g. ``torque``."""
+    """Its quantity, e.g. ``torque``."""
     part: str
     """Joint, leg or axis; empty where there is one only."""
     unit: str
@@ -54,12 +54,12 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Divergence:
-    """What went wrong in one environment, and its last states."""
+    """The wrong number of one environment, and its last states."""
 
     env: int
     """Index of the environment."""
     columns: tuple[Column, ...]
-    """What the columns of ``states`` are; the first is the time in the episode [s]."""
+    """Names of the columns of ``states``; the first is the time in the episode [s]."""
     states: np.ndarray
     """Up to :data:`KEPT` torque steps, oldest first, the last one is the wrong one; shape (n, D)."""
     bounds: np.ndarray

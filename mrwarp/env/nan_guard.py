@@ -141,7 +141,7 @@ def guard_kernel(
 
 @dataclass(frozen=True, kw_only=True)
 class Warnings:
-    """What does not end an episode, over the whole run."""
+    """Warnings that do not end an episode, over the whole run."""
 
     beyond_limit: int
     """Environments in which a joint was beyond its limit."""
@@ -200,7 +200,7 @@ class NanGuard:
         )
 
     def forget(self) -> None:
-        """Begin anew in all environments, without history; the counts go on."""
+        """Reset all environments, without history; the counts go on."""
         for tensor in (self._state.torque_steps, self._rows, self._frozen, self._state.diverged, self._state.total):
             tensor.zero_()
 
@@ -217,7 +217,7 @@ class NanGuard:
         return found
 
     def warnings(self) -> Warnings:
-        """What gave warnings up to now; reads the device back."""
+        """The warnings up to now; reads the device back."""
         counts, columns = self._warned.cpu().numpy(), self._warned_column.cpu().numpy()
         beyond = np.flatnonzero(counts[:, 0])
         return Warnings(
@@ -228,7 +228,7 @@ class NanGuard:
 
 
 def _kept(robot: ActuatedSim, s: WalkState) -> list[tuple[list[Column], torch.Tensor]]:
-    """What is kept of a state: columns, and the array, shape (E, columns); qpos and qvel before the torques."""
+    """Stored part of a state: columns, and the array, shape (E, columns); qpos and qvel before the torques."""
     sim, scene, joints = robot.sim, robot.sim.scene, robot.sim.scene.joints
     z, tau, bound = (wp.to_torch(array) for array in (robot.actuator.z, robot.actuator.tau, robot.actuator.bound))
     devices = [joints[i] for i in robot.actuator.mr_joints]

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from mrwarp.env.cfg import EnvCfg
 
 FALL_COST = 1.0
-"""What a fall takes from the reward of a robot on one or two legs. It falls whatever it does at first, and the sum of
+"""Cost of a fall in the reward of a robot on one or two legs. At first it always falls, and the sum of
 its rewards is negative then: without a cost, falling soon is best. Isaac Lab's H1 and G1 pay 4 (200/s in a step of
 20 ms); with that, a G1 here learns to shuffle before it lifts a foot (docs/robot.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """A robot's size beside the shipped one's."""
+    """A robot's size relative to the shipped one's."""
 
     length: float = 1.0
     mass: float = 1.0
@@ -53,7 +53,7 @@ class Scales:
 
 
 def scales(scene: Scene) -> Scales:
-    """Size of a scene's robot; 1 for the shipped one, whatever it carries."""
+    """Size of a scene's robot; 1 for the shipped one, with any load."""
     if scene.layout == MR_GO:
         return Scales()
     return Scales(length=scene.stand_height / STAND_HEIGHT, mass=float(scene.model.body_mass.sum()) / MASS)

@@ -75,7 +75,7 @@ def noisy(value: float, width: float, begin: wp.uint64, k: int) -> float:
 
 @wp.kernel(enable_backward=False)
 def observe_kernel(
-    # parameters: environments that a thread takes are this far apart; noise half-widths of gyro [rad/s], gravity, joint
+    # parameters: environments of a thread have this stride; noise half-widths of gyro [rad/s], gravity, joint
     # position [rad] and velocity [rad/s]; factors on joint velocities, foot forces and torques; neutral stance [rad],
     # shape (J,)
     rows: int,
@@ -87,7 +87,7 @@ def observe_kernel(
     f_foot_scale: float,
     torque_scale: float,
     default_q: wp.array[float],
-    # in, shape (2,); sensors, shapes (E, 3) three times, (E, J) twice, (E, A), (E,); what the critic sees besides,
+    # in, shape (2,); sensors, shapes (E, 3) three times, (E, J) twice, (E, A), (E,); what the critic also sees,
     # shapes (E, 3) [m/s], (E,) [m], (E, L) [N], (E,) [A], (E, J) [N·m], (E, 2), (E, M) three times
     key_in: wp.array[wp.int64],
     root_ang_in: wp.array2d[float],
@@ -150,7 +150,7 @@ def observe_kernel(
 
 
 def observe(s: WalkState, cfg: NoiseCfg | None) -> Launch:
-    """What writes ``s.actor`` and ``s.critic``.
+    """Launch that writes ``s.actor`` and ``s.critic``.
 
     Actor, shape (E, O): gyro [rad/s], projected gravity, command, joint positions and velocities, last action, gait
     clock, with noise. Critic: the same without noise, and base velocity, height, foot forces, I_e, motor torques,

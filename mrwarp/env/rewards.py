@@ -290,7 +290,7 @@ SOURCES: int = zlib.crc32(Path(__file__).read_bytes()) // 2
 
 @wp.kernel(enable_backward=False)
 def rewards_kernel(
-    # parameters: environments that a thread takes are this far apart; weights in the order of TERMS, shape (T,)
+    # parameters: environments of a thread have this stride; weights in the order of TERMS, shape (T,)
     rows: int,
     weights: wp.array[float],
     # in
@@ -312,7 +312,7 @@ def rewards_kernel(
 
 
 def reward(s: WalkState, cfg: RewardCfg, step_dt: float, legs: Legs) -> Launch:
-    """What writes all terms, ``s.terms``, and their weighted sum over a policy step of ``step_dt`` [s], ``s.total``."""
+    """Launch of all terms, ``s.terms``, and their weighted sum over a policy step of ``step_dt`` [s], ``s.total``."""
     seen = Seen()
     seen.legs, seen.step_dt = legs, step_dt
     for name in ("velocity_width", "yaw_width", "step_height", "target_height"):

@@ -13,7 +13,7 @@ training.
 import warp as wp
 
 PUSH, COMMAND, POSE, DEVICE, LEVEL, NOISE = range(6)
-"""What is drawn: kicks, commands, poses and phases, devices, terrain levels, observation noise."""
+"""Purposes of random draws: kicks, commands, poses and phases, devices, terrain levels, observation noise."""
 
 WIDTH = 64
 """Most numbers that one environment draws of a kind in a policy step."""

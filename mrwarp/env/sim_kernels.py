@@ -80,7 +80,7 @@ def gather_kernel(
 
 @wp.kernel(enable_backward=False)
 def apply_kernel(
-    # parameters: joints that a thread takes are this far apart (a GPU: J threads, a CPU: one); dof addresses, friction
+    # parameters: joints of a thread have this stride (a GPU: J threads, a CPU: one); dof addresses, friction
     # [N·m] and damping [N·m·s/rad] of the joints, shape (J,); 1 = write the brake bounds
     lanes: int,
     v_adr: wp.array[int],
@@ -107,7 +107,7 @@ def apply_kernel(
 
 @wp.kernel(enable_backward=False)
 def reset_kernel(
-    # parameters: environments that a thread takes are this far apart; addresses, shapes (J,) twice; floating base
+    # parameters: environments of a thread have this stride; addresses, shapes (J,) twice; floating base
     rows: int,
     q_adr: wp.array[int],
     v_adr: wp.array[int],

@@ -53,7 +53,7 @@ class SolverCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """What is simulated: the MuJoCo model and where the joints, feet and the floating base sit in it."""
+    """The simulated robot: the MuJoCo model and where the joints, feet and the floating base sit in it."""
 
     model: mujoco.MjModel
     actuators: tuple[JointActuator, ...]
@@ -65,9 +65,9 @@ class Scene:
     v_adr: np.ndarray
     """Address of each joint in qvel; shape (J,)."""
     friction: np.ndarray
-    """Dry friction of each joint beside what its device does [N·m]; shape (J,)."""
+    """Dry friction of each joint without its device's [N·m]; shape (J,)."""
     damping: np.ndarray
-    """Its damping beside the drive's Kd [N·m·s/rad]; shape (J,)."""
+    """Its damping without the drive's Kd [N·m·s/rad]; shape (J,)."""
     feet: np.ndarray
     """Shape of each foot, a sphere; shape (L,), empty without feet."""
     foot_adr: np.ndarray
@@ -89,7 +89,7 @@ class Scene:
 
     @property
     def device_names(self) -> tuple[str, ...]:
-        """What each device is called: its leg where that has one device, else its joint."""
+        """Name of each device: its leg where that has one device, else its joint."""
         found = [(joint, leg) for joint, leg, a in zip(self.joints, self.legs, self.actuators, strict=True) if a.mr]
         legs = [leg for _, leg in found]
         return tuple(self.layout.leg_names[leg] if leg >= 0 and legs.count(leg) == 1 else joint for joint, leg in found)

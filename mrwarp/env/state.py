@@ -20,7 +20,7 @@ _PREFIX = {"task": "", "robot": "", "sim": "sim/", "engine": "sim/", "terrain": 
 
 @dataclass(frozen=True, kw_only=True)
 class ArraySpec:
-    """What is said of an array."""
+    """Description of an array."""
 
     shape: str
     """Axes: E environments, J joints, A actions, L legs, M devices, T reward terms, O and C observations; or sizes."""
@@ -50,7 +50,7 @@ class WalkState:
 
     # action
     actions: torch.Tensor = array("E A")
-    """What the policy asks for in this step."""
+    """The policy's actions of this step."""
     action: torch.Tensor = array("E A", saved=True, cleared=True)
     """Action in use: joint targets relative to the neutral stance, in units of the action scale."""
     last_action: torch.Tensor = array("E A", saved=True, cleared=True)
@@ -156,7 +156,7 @@ class WalkState:
     privileged: torch.Tensor = array("E 2", "1, kg", saved=True, own=True)
     """Friction of the ground and mass added to the trunk."""
     key: torch.Tensor = array("2", dtype=torch.int64, saved=True)
-    """What random draws follow from: seed and policy step, see :mod:`mrwarp.env.rng`."""
+    """Origin of random draws: seed and policy step, see :mod:`mrwarp.env.rng`."""
 
     # what a policy step gives
     terms: torch.Tensor = array("E T")
@@ -170,9 +170,9 @@ class WalkState:
     flags: torch.Tensor = array("4 E", dtype=torch.bool)
     """Who has fallen, who diverged, whose time is up, who is done: rows of ``terminations``."""
     actor: torch.Tensor = array("E O")
-    """What the actor sees."""
+    """Observations of the actor."""
     critic: torch.Tensor = array("E C")
-    """What the critic sees."""
+    """Observations of the critic."""
 
     @classmethod
     def of(cls, robot: ActuatedSim, device: torch.device, **sizes: int) -> Self:

@@ -72,7 +72,7 @@ def terminations_kernel(
 
 
 def terminate(s: WalkState, fall_height: float, fall_tilt: float, length: int, fall_cost: float) -> Launch:
-    """What counts the policy step, writes ``s.flags`` and ``s.reward``, and clears ``s.diverged`` and ``s.total``.
+    """Launch that counts the step, writes ``s.flags`` and ``s.reward``, and clears ``s.diverged`` and ``s.total``.
 
     A robot has fallen below ``fall_height`` [m] or beyond ``fall_tilt`` [rad], which takes ``fall_cost`` from its
     reward; ``length`` is in policy steps.

@@ -45,7 +45,7 @@ class TerrainCfg:
     platform: float = 1.0
     """Half the edge of the flat middle of a pyramid [m]."""
     roughness: float = 0.03
-    """Largest height above or below 0 of rough ground at the last level [m], at points 0.2 m apart."""
+    """Largest height above or below 0 of rough ground at the last level [m], at points every 0.2 m."""
     slope: float = 0.2
     """Steepest slope at the last level [1]."""
     step: float = 0.05
@@ -233,7 +233,7 @@ class Terrain:
         s.commanded.zero_()
 
     def heights(self, s: WalkState, legs: Legs, mask: wp.array) -> Launch:
-        """What writes the height of the ground below trunk and feet where the mask, bool (E,), is set."""
+        """Launch that writes the height of the ground below trunk and feet where the mask, bool (E,), is set."""
         heights = torch.from_numpy(self.field.heights).to(s.q.device)
         return record(
             ground_kernel,
@@ -243,7 +243,7 @@ class Terrain:
         )
 
     def curriculum(self, s: WalkState, step_dt: float) -> Launch:
-        """What counts the path of a policy step [s], and chooses the levels of the episodes that begin."""
+        """Launch that counts the path of a policy step [s], and chooses the levels of the episodes that begin."""
         cfg = self.cfg
         return record(
             curriculum_kernel,

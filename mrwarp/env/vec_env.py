@@ -52,7 +52,7 @@ class WalkEnv(VecEnv):
     Attributes:
         arrays: Everything the task computes with, kept in place: the next step writes into it. The arrays that are
             read most stand here too, e.g. ``env.q``; see :class:`mrwarp.env.state.WalkState` for all of them.
-        layout, scales: Trunk, legs and joints of the robot; its size beside the shipped one's.
+        layout, scales: Trunk, legs and joints of the robot; its size relative to the shipped one's.
         robot, sim, actuator: The robot, its physics, its motors and devices.
         terrain: The height field and its curriculum; None on flat ground.
         contact_force: Foot force above which a foot touches the ground [N], the gates' ``f_th``.

@@ -112,7 +112,7 @@ def learn(
         dt=dt,
         bouc_wen={} if own_baseline else bouc_wen,
         device={} if own_baseline else {name: bouc_wen[name] for name in network_file.DEVICE},
-        beside=acting(physical.effects) if physical and kind == "pg_rlstm" and not own_baseline else {},
+        trained_with=acting(physical.effects) if physical and kind == "pg_rlstm" and not own_baseline else {},
         z_step=z_step.value,
         source=str(recording.source or ""),
         seed=cfg.seed,
@@ -245,7 +245,7 @@ def predict(
         SamplingRateError: the recording has another rate than the model.
         ValueError: the model was trained on another baseline than plain Bouc-Wen, and none is given.
     """
-    if model.is_residual and (model.beside or not model.bouc_wen) and baseline is None:
+    if model.is_residual and (model.trained_with or not model.bouc_wen) and baseline is None:
         raise ValueError("this pg_rlstm model was trained on another physical model; give its torque as baseline")
     model.check_rate(sampling_interval(recording))
     tau = [network_file.torque_of(model, x, lstm_state) for x in features(recording, model.bouc_wen)]

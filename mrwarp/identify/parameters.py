@@ -144,7 +144,7 @@ class Parameters:
             return not p.form and slot.key not in self.choices
         if p.carried:
             return self.ranges.carried and "rotor_inertia" in self.effects
-        return not p.beside or (slot.effect, p.beside) in self.choices
+        return not p.requires or (slot.effect, p.requires) in self.choices
 
     @property
     def law(self) -> str:
@@ -252,8 +252,8 @@ class Parameters:
 
     def _shown(self, effect: str, p: EffectParameter) -> bool:
         """Whether a number that bends a law stands among the values."""
-        if p.repeats or p.beside:
-            return (effect, p.beside or p.name) in self.choices and (self.form or (effect, p.name) in self.choices)
+        if p.repeats or p.requires:
+            return (effect, p.requires or p.name) in self.choices and (self.form or (effect, p.name) in self.choices)
         return (effect, p.name) in self.choices or (self.form and self._searched(Slot(effect, p)))
 
     def vector(self, base: np.ndarray, numbers: Mapping[tuple[str, str], float]) -> np.ndarray:

@@ -29,7 +29,7 @@ from mrwarp.params import MrParams
 
 @dataclass(kw_only=True)
 class MrJointActuatorCfg(ActuatorCfg):
-    """A motor with an MR device beside it, the same on all targets.
+    """A motor with an MR device in parallel, the same on all targets.
 
     ``armature`` replaces the joint's own; the rotor inertia of a device's effects comes on top.
     """

@@ -49,7 +49,7 @@ def in_one_thread(device: Any) -> bool:
 
 
 def record_per_env(kernel: Any, num_envs: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> Launch:
-    """Prepare a launch of a kernel whose first parameter ``rows`` is how far apart a thread's environments are."""
+    """Prepare a launch of a kernel whose first parameter ``rows`` is the stride of a thread's environments."""
     rows = 1 if in_one_thread(outputs[-1].device) else num_envs
     return record(kernel, rows, [rows, *inputs], outputs)
 

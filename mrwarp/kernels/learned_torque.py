@@ -78,7 +78,7 @@ def begin_kernel(
     # out, shape (E*M,)
     fresh_out: wp.array[int],
 ):
-    """The joints of masked environments begin anew: their next state is made from their history."""
+    """Reset the joints of masked environments: their next state is made from their history."""
     i = wp.tid()
     if mask_in[i * mask_in.shape[0] // fresh_out.shape[0]]:
         fresh_out[i] = 1
@@ -201,7 +201,7 @@ def lstm_rest_kernel(
     # out, see lstm_unit_kernel
     state_out: wp.array3d[float],
 ):
-    """The state that a joint which begins anew has before the newest sample; one thread per joint."""
+    """The state that a joint has after a reset, before the newest sample; one thread per joint."""
     place = wp.tid()
     if fresh_in[place] > 0:
         row = head_in[0]
@@ -228,11 +228,11 @@ def lstm_unit_kernel(
     """
     four, quad = wp.tid()
     row, columns = head_in[0], ring_in.shape[1]
-    after = row % 2  # the ring's length is even: rows of the ring and of the state take turns alike
+    after = row % 2  # the ring's length is even: rows of the ring and of the state alternate together
     joints = ring_in.shape[0] * columns
-    apart, last, u = (joints + UNITS - 1) // UNITS, joints - 1, UNITS * four
-    p0, p1, p2 = wp.min(quad, last), wp.min(quad + apart, last), wp.min(quad + 2 * apart, last)
-    p3 = wp.min(quad + 3 * apart, last)
+    stride, last, u = (joints + UNITS - 1) // UNITS, joints - 1, UNITS * four
+    p0, p1, p2 = wp.min(quad, last), wp.min(quad + stride, last), wp.min(quad + 2 * stride, last)
+    p3 = wp.min(quad + 3 * stride, last)
     ones = wp.vec4(1.0, 1.0, 1.0, 1.0)
     # gates of a unit, one row per joint
     g0, g1 = wp.outer(ones, gate_weights(weights, u, 0)), wp.outer(ones, gate_weights(weights, u + 1, 0))
@@ -260,7 +260,7 @@ def lstm_unit_kernel(
             g2 += wp.outer(x, gate_weights(weights, u + 2, 1 + FEATURES + h))
             g3 += wp.outer(x, gate_weights(weights, u + 3, 1 + FEATURES + h))
     for j in range(UNITS):
-        place = quad + j * apart
+        place = quad + j * stride
         if place < joints:
             lstm_cell(g0[j], u, place, after, state_out)
             lstm_cell(g1[j], u + 1, place, after, state_out)

@@ -37,7 +37,7 @@ def branch_of(m_dyn: float, m_hold: float) -> int:
 
 @wp.kernel(enable_backward=False)
 def ledger_kernel(
-    # parameters: joints that a thread takes are this far apart (a GPU: J threads, a CPU: one); slot of joint j in the
+    # parameters: joints of a thread have this stride (a GPU: J threads, a CPU: one); slot of joint j in the
     # MR arrays or -1, shape (J,); step [s]; 1 = brake constraint, 0 = explicit
     lanes: int,
     slot_of: wp.array[int],

@@ -89,7 +89,7 @@ def gated_command(
     """(m_dyn, m_hold, commanded current [A]), up to the allowed current [A]; each branch may be switched off (0).
 
     With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping. With ``latch > 1`` a
-    device that was holding (``held`` = 1) goes on, whatever eq. 5 says, up to ``latch`` times the speed of eq. 8.
+    device that was holding (``held`` = 1) goes on, regardless of eq. 5, up to ``latch`` times the speed of eq. 8.
     A negative ``allowed`` is a pulse that demagnetises the core: it flows, and the gates are closed.
     """  # fmt: skip
     limit = wp.min(allowed, p.current_max)

@@ -1,4 +1,4 @@
-"""What surrounds the step of the MR joints (:mod:`mrwarp.effects.step_kernel`).
+"""Kernels around the step of the MR joints (:mod:`mrwarp.effects.step_kernel`).
 
 Torques, the learned torque, the reset; and the way from the flat arrays of ``newton.actuators`` and back.
 """
@@ -63,13 +63,13 @@ def device_share(
 
 @wp.func
 def motor_torque(p: JointParams, m_hold: float, e: float, qd: float) -> float:
-    """Torque of the motor beside a device [N·m], eqs. 2 and 9."""
+    """Torque of the motor in parallel to a device [N·m], eqs. 2 and 9."""
     return pd_torque(e, qd, effective_kp(m_hold, p.kp_base, p.kp_low), p.kd, p.tau_limit)
 
 
 @wp.kernel(enable_backward=False)
 def learned_torque_kernel(
-    # parameters: environments and devices that a thread takes are this far apart; struct, shape (E or 1, M); joint of
+    # parameters: environments and devices of a thread have this stride; struct, shape (E or 1, M); joint of
     # each device, (M,); 1 = brake constraint, 0 = explicit torque
     rows: int,
     lanes: int,
@@ -90,7 +90,7 @@ def learned_torque_kernel(
     tau_out: wp.array2d[float],
     bound_out: wp.array2d[float],
 ):
-    """What step_kernel gave with tau_BW, again for the open gates with the learned torque that has taken its place."""
+    """Outputs of step_kernel with tau_BW, again for the open gates with the learned torque that has taken its place."""
     first, lane = wp.tid()
     for env in range(first, q_in.shape[0], rows):
         for slot in range(lane, m_dyn_in.shape[1], lanes):
@@ -108,7 +108,7 @@ def learned_torque_kernel(
 
 @wp.kernel(enable_backward=False)
 def reset_kernel(
-    # parameters: environments and joints that a thread takes are this far apart; struct, shape (E or 1, M); slot of
+    # parameters: environments and joints of a thread have this stride; struct, shape (E or 1, M); slot of
     # joint j or -1, shape (J,)
     rows: int,
     lanes: int,
@@ -172,7 +172,7 @@ def drive_gather_kernel(
     current_e_out: wp.array[float],
     f_foot_out: wp.array2d[float],
 ):
-    """What a step reads of Newton's flat arrays: actuator i of N is the one joint of environment i."""
+    """Inputs of a step from Newton's flat arrays: actuator i of N is the one joint of environment i."""
     i = wp.tid()
     q_out[i, 0] = q_in[q_adr[i]]
     qd_out[i, 0] = qd_in[v_adr[i]]
@@ -237,7 +237,7 @@ def drive_reset_kernel(
     current_out: wp.array[float],
     fresh_out: wp.array[wp.bool],
 ):
-    """Masked reset: no stress, no current, and a history that the next step starts anew."""
+    """Masked reset: no stress, no current, and a history that the next step starts again."""
     i = wp.tid()
     if mask_in[i]:
         fresh_out[i] = True

@@ -55,10 +55,10 @@ class LearnedModel:
     dt: float
     """Sampling interval of its windows [s]."""
     bouc_wen: dict[str, float]
-    """Bouc-Wen parameters beside which it was trained: the frozen baseline of ``pg_rlstm``, for all kinds the origin
+    """Bouc-Wen parameters with which it was trained: the frozen baseline of ``pg_rlstm``, for all kinds the origin
     of the displacement q_c; names and units of ``mrwarp.params.BoucWenParams``."""
-    beside: dict[str, dict[str, float]] = field(default_factory=dict)
-    """What acts beside eqs. 14 and 15 in the model that ``pg_rlstm`` was trained on top of: numbers of the hysteresis
+    trained_with: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Additions to eqs. 14 and 15 in the model that ``pg_rlstm`` was trained on top of: numbers of the hysteresis
     law and the effects, by name."""
     device: dict[str, float] = field(default_factory=dict)
     """Of which device it is: the :data:`DEVICE` parameters of the joint that was recorded. ``bouc_wen`` may be another
@@ -84,7 +84,8 @@ class LearnedModel:
 
     def description(self) -> dict[str, Any]:
         """The metadata: all but the weights."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "net"}
+        keys = {name: name for name in self.__dataclass_fields__ if name != "net"} | {"trained_with": "beside"}
+        values = {key: getattr(self, name) for name, key in keys.items()}
         scaler = {"mean": self.net.scaler.mean.tolist(), "std": self.net.scaler.std.tolist()}
         features = ["q_c [rad]", "qd [rad/s]", "current [A]"]
         return {"schema": SCHEMA, **values, "samples": self.samples, "features": features, "scaler": scaler}
@@ -152,7 +153,7 @@ def load(path: str | Path) -> LearnedModel:
             net=net.eval(),
             dt=float(meta["dt"]),
             bouc_wen={str(k): float(v) for k, v in meta["bouc_wen"].items()},
-            beside={str(k): {str(n): float(x) for n, x in v.items()} for k, v in meta.get("beside", {}).items()},
+            trained_with={str(k): {str(n): float(x) for n, x in v.items()} for k, v in meta.get("beside", {}).items()},
             device={str(k): float(v) for k, v in meta.get("device", {}).items()},
             z_step=ZStep(meta.get("z_step", "euler")).value,  # files of earlier versions name none
             source=str(meta["source"]),

@@ -75,7 +75,7 @@ class OptionError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class CommandLine:
-    """What was typed."""
+    """The typed words."""
 
     prog: str
     """A command such as ``mrwarp train``, or a script such as ``train/ppo.py``."""
@@ -186,7 +186,7 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
 
 
 def given(line: CommandLine) -> set[str]:
-    """Fields of the options that were typed, by name, whatever their value."""
+    """Fields of the options that were typed, by name, with any value."""
     return {word[2:].partition("=")[0].replace("-", "_") for word in line.argv if word.startswith("--")}
 
 
@@ -217,7 +217,7 @@ def _plain() -> Iterator[None]:
 
 
 def _message(event: events.ParseErrorEvent, options: type) -> str:
-    """What is wrong, in a sentence."""
+    """The fault, in a sentence."""
     match event:
         case events.InstantiationFailure(argument=argument, message=message):
             return f"argument {_name(argument)}: {message}" if argument else message

@@ -33,7 +33,7 @@ class Group:
     commands: Mapping[str, Command | Group]
 
 
-FIGURE_4 = Command("run_reproduce:TrainFigure4", "the models of figure 4, trained anew")
+FIGURE_4 = Command("run_reproduce:TrainFigure4", "the models of figure 4, trained again")
 PAGES = Command("run_reproduce:FillPages", "the figures of README and docs, from committed results")
 
 STUDY = {
@@ -101,7 +101,7 @@ COMMANDS: dict[str, Command | Group] = {
     "learn": Command("run_fit:Learn", "train and evaluate the learned torque models"),
     "reproduce": Command(
         "run_reproduce:Reproduce",
-        "the paper's figures and tables, ours beside theirs",
+        "the paper's figures and tables, compared with ours",
         {("fig4", "--train"): FIGURE_4, ("docs",): PAGES},
     ),
     "study": Group("actuator-aware against conventional training: train the policies, tables 2 and 3", STUDY),

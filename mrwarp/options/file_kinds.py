@@ -82,8 +82,8 @@ def refuse_other_kind(path: Path, option: str) -> None:
     robots = ("robot", "USD file")
     if not kind or kind == wanted or (kind in robots and wanted in robots):
         return
-    beside = path.with_name("model.json")
-    remedy = f"did you mean {beside}?" if wanted == "model.json" and beside.is_file() else _REMEDY[wanted]
+    sibling = path.with_name("model.json")
+    remedy = f"did you mean {sibling}?" if wanted == "model.json" and sibling.is_file() else _REMEDY[wanted]
     article = "no" if wanted in ("policy", "checkpoint", "network", "robot", "USD file") else "not a"
     raise ValueError(f"{path}: is {name}, {article} {wanted}; {remedy}")
 

@@ -18,7 +18,7 @@ class JsonFileError(ValueError):
 
 
 def read_json_file(path: Path, remedy: str) -> Any:
-    """What a JSON file holds.
+    """Content of a JSON file.
 
     Raises:
         JsonFileError: it cannot be read, is not JSON, or a key stands twice in one object.
@@ -33,7 +33,7 @@ def read_json_file(path: Path, remedy: str) -> Any:
 
 
 def read_json(text: str, where: str, remedy: str = "") -> Any:
-    """What a JSON text holds.
+    """Content of a JSON text.
 
     Raises:
         JsonFileError: it is not JSON, or a key stands twice in one object.
@@ -101,7 +101,7 @@ def checked_texts(value: Any, where: str) -> dict[str, str]:
 
 
 def checked_mapping(value: Any, where: str) -> dict[str, Any]:
-    """An object, whatever its keys."""
+    """An object with any keys."""
     if not isinstance(value, dict):
         raise JsonFileError(f"{where} = {shown(value)}; allowed: an object {{...}}")
     return value

@@ -168,7 +168,7 @@ OptionalText = Annotated[str | None, one(str, "TEXT")]
 
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions(Options):
-    """What makes a robot, for every command that simulates one."""
+    """Options of a robot, for every command that simulates one."""
 
     model: OptionalText = None
     """model.json, or a device of 'mrwarp device list': identified joint with its effects, on all MR joints (default:
@@ -196,7 +196,7 @@ def unit_of(text: str) -> tuple[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class LogOptions(Options):
-    """What files of a robot's log do not say, for every command that reads one."""
+    """Facts that a robot's log files leave open, for every command that reads one."""
 
     map: OptionalFile = None
     """of a bag or another project's log: what its files do not say (default: map.json next to them, if it is there)"""

@@ -1,4 +1,4 @@
-"""What a recording holds: trajectories, break-away tests, their units, and the error for one that is refused."""
+"""Content of a recording: trajectories, break-away tests, their units, and the error for one that is refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOLDING_COLUMNS = ("current", "torque")
 """Columns of break-away tests."""
 
 HOLDING_FILE = "holding.csv"
-"""Break-away torques beside recordings; not a recording itself."""
+"""Break-away torques next to recordings; not a recording itself."""
 
 UNITS = {"t": "s", "q": "rad", "qd": "rad/s", "current": "A", "torque": "N·m", "temperature": "degC"}
 """Unit of each column where nothing else is declared."""
@@ -42,7 +42,7 @@ _NAMES = {
 
 
 def quantity(column: str, units: Mapping[str, str]) -> str:
-    """What ``q``, ``current`` (the control input) or ``torque`` holds by its unit, e.g. pressure."""
+    """Quantity of ``q``, ``current`` (the control input) or ``torque`` by its unit, e.g. pressure."""
     return _NAMES[column].get(units[column], {"current": "control input"}.get(column, "torque"))
 
 
@@ -67,7 +67,7 @@ class RecordingError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Repair:
-    """What was put right or left out when a recording was read."""
+    """Data put right or left out when a recording was read."""
 
     trajectory: str
     """Trajectory, or file, that it happened to."""
@@ -108,7 +108,7 @@ class Trajectory:
     lost: np.ndarray | None = None
     """True where the torque is unknown because its sensor was at the end of its range, bool; None: nowhere."""
     header: dict[str, Any] = field(default_factory=dict)
-    """What the trajectory's own file says about how it was made."""
+    """The trajectory's own file on how it was made."""
 
     @property
     def known(self) -> np.ndarray:
@@ -127,18 +127,18 @@ class Recording:
 
     trajectories: tuple[Trajectory, ...]
     units: dict[str, str] = field(default_factory=lambda: {"q": "rad", "current": "A", "torque": "N·m"})
-    """Units of q, current and torque as held here: rad or m; A, V or whatever the control input is in; N·m, N or A."""
+    """Units of q, current and torque as held here: rad or m; A, V or any unit of the control input; N·m, N or A."""
     source: Path | None = None
     """File or folder it was read from."""
     header: dict[str, Any] = field(default_factory=dict)
-    """What all files say alike about how they were made (the virtual bench writes its effects and seed)."""
+    """Statements shared by all files on how they were made (the virtual bench writes its effects and seed)."""
     repairs: tuple[Repair, ...] = ()
-    """What was put right or left out when it was read."""
+    """Data put right or left out when it was read."""
     declared: frozenset[str] = frozenset()
     """Columns whose unit was declared, so that its values are believed."""
 
     def repaired(self, most: int = 4) -> list[str]:
-        """What was put right or left out, one line each; beyond ``most`` of a kind their number only.
+        """Repairs and omissions, one line each; beyond ``most`` of a kind their number only.
 
         What is the same of several trajectories is one line.
         """
@@ -176,4 +176,4 @@ class Holding:
     units: dict[str, str] = field(default_factory=lambda: {"current": "A", "torque": "N·m"})
     """Units of both as held here."""
     header: dict[str, Any] = field(default_factory=dict)
-    """What the file says about how it was made."""
+    """The file's statements on how it was made."""

@@ -1,4 +1,4 @@
-"""What a recording holds, as text, and what a user should know before using one that is not wrong."""
+"""Content of a recording as text, and notes for a user on one that is not wrong."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _levels(recording: Recording) -> str:
 
 
 def notes(recording: Recording) -> list[str]:
-    """What a user should know before using a recording that is not wrong."""
+    """Notes for a user on a recording that is not wrong."""
     runs, found = recording.trajectories, recording.repaired(40)
     against = [run.id for run in runs if float(np.mean(run.torque * run.qd)) < 0.0]
     if len(against) > len(runs) / 2:
@@ -98,7 +98,7 @@ def notes(recording: Recording) -> list[str]:
     if derived:
         width = max(map(_half_width, derived))
         found.append(
-            f"derived velocities blunt reversals shorter than {1e3 * width:.3g} ms"
+            f"velocity was differentiated; reversals faster than {1e3 * width:.3g} ms are smoothed"
             + (" (so long because the motion is slow against its noise)" if width > 2.0 * HALF_WIDTH else "")
         )
     return found

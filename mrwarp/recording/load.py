@@ -175,7 +175,7 @@ def load_holding(path: str | Path, recording: Recording | None = None) -> Holdin
     file = _files_of(path / HOLDING_FILE if path.is_dir() else path)[0]
     table = read_table(file, HOLDING_COLUMNS, MAX_BYTES)
     units = {name: (recording.units if recording else UNITS)[name] for name in HOLDING_COLUMNS}
-    remedy = f"convert them, this file is in {' and '.join(units.values())} whatever units.json says"
+    remedy = f"convert them, this file is in {' and '.join(units.values())} regardless of units.json"
     _check_finite(table)
     if not read_units(file.parent).trusted:
         for name, unit in units.items():
@@ -225,7 +225,7 @@ def _files_of(path: Path) -> list[Path]:
 
 
 def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The entries that all headers hold alike."""
+    """The entries that all headers share."""
     first = headers[0]
     return {k: v for k, v in first.items() if all(k in h and h[k] == v for h in headers[1:])}
 
@@ -293,7 +293,7 @@ def _trajectory(name: str, part: dict[str, np.ndarray], header: dict[str, Any], 
 
 
 def _unwrapped(label: str, wraps: int, period: float, units: Units) -> Repair:
-    """What is said of an angle that was unwrapped."""
+    """Note on an angle that was unwrapped."""
     turn = np.isclose(period, 2.0 * np.pi)
     after = "a turn" if turn else f"{period / units.convert('q', np.ones(1))[0]:g} counts"
     text = f"the {'angle' if turn else 'encoder'} begins again after {after} ({wraps} times): it goes on from its start"
@@ -376,7 +376,7 @@ def _check_units(table: Table, parts: list[Trajectory], units: Units, turned: bo
         likely, more = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1], ""
         if key == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all():
             more = f', or, if these are encoder counts, {{"q": "counts", "{next(iter(PER))}": ...}}'
-        remedy = f'convert them, or declare the unit in units.json beside the file: {{"{key}": "{likely}"}}{more}'
+        remedy = f'convert them, or declare the unit in units.json next to the file: {{"{key}": "{likely}"}}{more}'
         _check_plausible(table, key, largest[key], units.base(key), remedy)
     if units.base("q") != "rad":
         return
@@ -388,7 +388,7 @@ def _check_units(table: Table, parts: list[Trajectory], units: Units, turned: bo
         declared = {"q": "deg", "qd": "rad/s"} if key == "q" else {"q": "rad", "qd": "deg/s"}
         raise table.refuse(
             f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
-            f"radians; convert it, or declare it in units.json beside the file: {json.dumps(declared)}",
+            f"radians; convert it, or declare it in units.json next to the file: {json.dumps(declared)}",
             column=key,
         )
 

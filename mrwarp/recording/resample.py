@@ -63,7 +63,7 @@ class Piece:
     """Where [s], the first ten places."""
 
     def text(self) -> str:
-        """What was done, or an empty string."""
+        """The change made, or an empty string."""
         rate = 1.0 / float(np.mean(np.diff(self.columns["t"])))
         found = [f"{self.repeated} repeated rows left out"] if self.repeated else []
         if self.rounded:

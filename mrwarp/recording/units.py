@@ -82,7 +82,7 @@ _SPELT = {
     "degC": ("celsius",),
     "K": ("kelvin",),
 }
-"""Units as people write them besides."""
+"""Other spellings of units."""
 
 _NEAR = 0.8
 """Least similarity (difflib's ratio) of two spellings of a unit: ``miliamp`` has 0.93, ``steps`` and ``amps`` 0.44."""
@@ -90,7 +90,7 @@ _NEAR = 0.8
 
 @dataclass(frozen=True)
 class Units:
-    """What ``units.json`` declares, completed."""
+    """Declarations of ``units.json``, completed."""
 
     declared: dict[str, str]
     given: frozenset[str] = frozenset()

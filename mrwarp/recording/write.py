@@ -49,7 +49,7 @@ def save_recording(
     units, declared = folder / "units.json", read_units(folder).declared
     if any(declared[key] != unit for key, unit in recording.units.items()):
         if units.is_file():
-            raise RecordingError(f"{units}: the files beside it are in other units; choose another folder")
+            raise RecordingError(f"{units}: the files next to it are in other units; choose another folder")
         write_bytes(units, (json.dumps(recording.units, ensure_ascii=False, indent=1) + "\n").encode())
     added = {**recording.header, **(header or {})}
     if suffix_of(path):
@@ -72,7 +72,7 @@ def save_holding(holding: Holding, folder: str | Path) -> Path:
 
 
 def _write_runs(runs: Sequence[Trajectory], file: Path, header: dict[str, Any], columns: dict[str, Any]) -> None:
-    """Write trajectories end to end, beside other columns."""
+    """Write trajectories end to end, next to other columns."""
     names = [*COLUMNS, "temperature"] if all(run.temperature is not None for run in runs) else COLUMNS
     columns |= {name: np.concatenate([getattr(run, name) for run in runs]) for name in names}
     made = {flag: True for flag in ("qd_derived", "q_integrated") if any(getattr(run, flag) for run in runs)}

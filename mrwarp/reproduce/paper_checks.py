@@ -2,7 +2,7 @@
 
 Each check returns its arithmetic in words.
 
-What moves here is a body of mass m on legs whose feet stay below the hips, so that a knee's torque tau carries the
+A body of mass m moves on legs whose feet stay below the hips, so that a knee's torque tau carries the
 vertical force tau/r with the lever r = dz/dq of :func:`lever`. Two legs stand.
 """
 
@@ -43,7 +43,7 @@ def lever(high: float, low: float) -> float:
 
 
 def gain(current: float, speed: float = SPEED) -> float:
-    """What eq. 14 slides at with a current beyond what it does without [N·m], with z at its bound.
+    """Sliding torque that the current adds in eq. 14 [N·m], with z at its bound.
 
     ``K1 I z/(1 + alpha |qd|)``; ``speed`` [rad/s].
     """
@@ -136,14 +136,16 @@ def _acceleration() -> Check:
     for name, amps in (("C", 0.0), ("D", 1.5)):
         allowed = paper.TABLE_5[name]["acceleration"].mean * window
         peak = -rows[amps]["peak_down_velocity"].mean
-        texts.append(f"row {name}'s {paper.TABLE_5[name]['acceleration'].mean:.3f} m/s² allow {allowed:.3f} m/s beside "
-                     f"table 4's {peak:.3f} m/s at {amps:g} A")  # fmt: skip
+        texts.append(
+            f"Row {name}'s {paper.TABLE_5[name]['acceleration'].mean:.3f} m/s² allow {allowed:.3f} m/s, compared with "
+            f"table 4's {peak:.3f} m/s at {amps:g} A"
+        )
         figures[name] = allowed
     return Check(
-        title="Table 5 beside table 4.",
+        title="Table 5 against table 4.",
         arithmetic=(
-            f"A mean |a_z − g| over {window:g} s changes the speed by its product with the time at most: "
-            f"{'; '.join(texts)}. Either the accelerations are filtered, or the peaks are reached outside the window."
+            f"A mean |a_z − g| over {window:g} s changes the speed by its product with the time at most. "
+            f"{'. '.join(texts)}. Either the accelerations are filtered, or the peaks are reached outside the window."
         ),
         figures=figures,
     )
@@ -158,7 +160,7 @@ def _spring() -> Check:
         title="Table 4, simulation: the row of 0 A.",
         arithmetic=(
             f"A lasting {paper.PUSH_FORCE:g} N that presses {paper.MASS['mr_go']:g} kg down by {drop:.3f} m (from "
-            f"table 2's height) reaches sqrt(F d/2m) = {bound:.3f} m/s on an undamped spring; the row has "
+            f"table 2's height) reaches sqrt(F d/2m) = {bound:.3f} m/s on an undamped spring. The row has "
             f"{-row['peak_down_velocity'].mean:.3f} m/s, {100.0 * -row['peak_down_velocity'].mean / bound:.0f} % of "
             f"it. So motors and drag hardly damp, and the push lasts about {half:.2f} s, half a period, or longer."
         ),
@@ -193,18 +195,19 @@ def _required() -> Check:
     return Check(
         title="Table 4, simulation: the torque that it requires.",
         arithmetic=(
-            "With that spring, a friction that is constant while the body falls explains both columns: beyond 0 A it "
-            f"is {many(by_drop)} N·m per stance calf at 0.5, 1 and 1.5 A by the drops, {many(by_speed)} by the speeds. "
-            f"What K1·I of eq. 14 adds at {SPEED:g} rad/s, {many(have)} N·m, leaves {many(left)}: a constant, which "
-            "acts with current and is absent at 0 A. Eq. 14 as a whole, with the calf's angle itself in place of a "
-            f"displacement (the paper's q_offset is 0.2 mrad), is {many(whole)} N·m at {SPEED:g} rad/s and {BENT:g} "
-            f"rad. One degree of freedom (12.6 kg on two knees with Kp {knees.kp:g}; Kd {knees.kd:.2f} and a push of "
-            f"{knees.duration:.2f} s by the row of 0 A) with that torque at open gates and none at 0 A has its minimum "
-            f"height changed by {ours(best, 0)} % (paper {papers('min_height')}), its peak speed by {ours(best, 1)} % "
-            f"({papers('peak_down_velocity')}) and its motors' peak torque at 1.5 A by {best[2][2]:+.1f} %, where "
-            "section 3.2 has 10.2 to 10.5 % less; no row above 0 A was fitted. With the neutral angle and drag at 0 A "
-            f"too it is {ours(kept, 0)} and {ours(kept, 1)} %. But section 4.2 says that the drag stays at 0 A: either "
-            "the rows were simulated without it, or the paper contradicts itself."
+            "With that spring, a friction that is constant while the body falls explains both columns. Beyond 0 A it "
+            f"is {many(by_drop)} N·m per stance calf at 0.5, 1 and 1.5 A by the drops. By the speeds it is "
+            f"{many(by_speed)} N·m. "
+            f"K1·I of eq. 14 adds {many(have)} N·m at {SPEED:g} rad/s. That leaves {many(left)}: a constant, which "
+            "acts with current and is absent at 0 A. Take eq. 14 as a whole, with the calf's angle in place of a "
+            f"displacement (the paper's q_offset is 0.2 mrad): it is {many(whole)} N·m at {SPEED:g} rad/s and {BENT:g} "
+            f"rad. Take one degree of freedom: 12.6 kg on two knees with Kp {knees.kp:g}. Kd {knees.kd:.2f} and a push "
+            f"of {knees.duration:.2f} s follow from the row of 0 A. It has that torque at open gates and none at 0 A. "
+            f"Its minimum height changes by {ours(best, 0)} % (paper {papers('min_height')}). Its peak speed changes "
+            f"by {ours(best, 1)} % ({papers('peak_down_velocity')}). Its motors' peak torque at 1.5 A changes by "
+            f"{best[2][2]:+.1f} %; section 3.2 has 10.2 to 10.5 % less. No row above 0 A was fitted. With the "
+            f"neutral angle and drag at 0 A too it is {ours(kept, 0)} and {ours(kept, 1)} %. But section 4.2 says that "
+            "the drag stays at 0 A: either the rows were simulated without it, or the paper contradicts itself."
         ),
         figures={
             "drop": by_drop[2], "speed": by_speed[2], "eq14": have[2], "least_left": min(left), "most_left": max(left),
@@ -245,15 +248,15 @@ def _bias() -> Check:
 
 def _two_tables() -> Check:
     two, three = paper.TABLE_2["D"]["v_x_rmse"], paper.TABLE_3["pg_rlstm"]["v_x_rmse"]
-    apart = abs(two.mean - three.mean) / math.hypot(two.sd or 0.0, three.sd or 0.0)
+    distance = abs(two.mean - three.mean) / math.hypot(two.sd or 0.0, three.sd or 0.0)
     return Check(
         title="Tables 2 and 3.",
         arithmetic=(
             f"Row D and the row of PG-RLSTM are the same training, SAL on, at 0.5 m/s, with {two.mean:.4f} ± "
-            f"{two.sd:.4f} and {three.mean:.4f} ± {three.sd:.4f} m/s: {apart:.1f} joint SD apart. Differences of that "
-            "size between the models of table 3 say nothing."
+            f"{two.sd:.4f} and {three.mean:.4f} ± {three.sd:.4f} m/s: {distance:.1f} joint SD between them. "
+            "Differences of that size between the models of table 3 say nothing."
         ),
-        figures={"apart": apart},
+        figures={"distance": distance},
     )
 
 
@@ -262,12 +265,12 @@ def _claims_of_table6() -> Check:
     held = {cell: paper.TABLE_7[cell]["hardware"] for cell in cells}
     saved = {cell: 1.0 - paper.TABLE_6["mr_go_sal", *cell].cot / paper.TABLE_6["mr_go", *cell].cot for cell in cells}
     order = sorted(cells, key=lambda cell: -held[cell])
-    told = ", ".join(f"{100.0 * held[c]:.1f} % held saves {100.0 * saved[c]:.1f} %" for c in order)
+    pairs = ", ".join(f"{100.0 * held[c]:.1f} % held saves {100.0 * saved[c]:.1f} %" for c in order)
     bounds = [row["bound_relative"] for row in consistency.paper_bounds("hardware")]
     return Check(
         title="Table 6: its two claims.",
         arithmetic=(
-            f"'Longer activation gives a larger reduction' (section 6.4): {told}; it does not order the four. What "
+            f"'Longer activation gives a larger reduction' (section 6.4): {pairs}. It does not order the four. What "
             "holding can save while trotting, 4 a S (m/m₀)² with the paper's own standing saving S = "
             f"{consistency.STANDING:.1f} W, is {', '.join(f'{100.0 * bound:.0f}' for bound in bounds)} % in the "
             f"table's order: by load and time held alone it spans a factor of {max(bounds) / min(bounds):.1f}, the "
@@ -285,7 +288,7 @@ def _two_digits() -> Check:
         title="Table 6: two-digit speeds.",
         arithmetic=(
             f"A speed of {slow:.2f} m/s is known to ± {100.0 * 0.005 / slow:.1f} %, one of {fast:.2f} to ± "
-            f"{100.0 * 0.005 / fast:.1f} %; a power that is computed from it carries that beside the ± "
+            f"{100.0 * 0.005 / fast:.1f} %. A power that is computed from it adds that to the ± "
             f"{100.0 * least:.1f} % and more of COT."
         ),
         figures={"slow": 0.005 / slow, "fast": 0.005 / fast},
@@ -304,7 +307,7 @@ def _charge() -> Check:
             f"as {first['energy_ratio']:.3f} to 1, so {first['expected_depletion']:.1f} points were to be expected "
             f"instead of {paper.MISSION_DEPLETION['mr_go_sal'][0]} ± {paper.MISSION_DEPLETION['mr_go_sal'][1]} "
             f"({first['deviation_in_sd']:.1f} SD). Any one of these would reconcile them: a walk of MR_Go-SAL at "
-            f"{by['sal_speed']:.2f} m/s; {by['hidden_load']:.0f} W beside the meter; a gauge that follows energy to "
+            f"{by['sal_speed']:.2f} m/s; {by['hidden_load']:.0f} W past the meter; a gauge that follows energy to "
             f"the power {by['gauge_exponent']:.2f}. On the name plate the three depletions mean "
             f"{', '.join(f'{speed:.2f}' for speed in plate.values())} m/s."
         ),

@@ -60,7 +60,7 @@ def load(path: Path) -> dict[str, Any]:
         ) from error
     except Exception as error:  # torch raises many types for damaged bytes, IndexError among them
         cause = str(error).partition("\n")[0]
-        raise CheckpointError(f"{path}: damaged ({cause}); use an earlier checkpoint or start anew") from error
+        raise CheckpointError(f"{path}: damaged ({cause}); use an earlier checkpoint or start again") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else type(content).__name__
         raise CheckpointError(f"{path}: format {found!r} is not {FORMAT}; it was written by another version of mrwarp")

@@ -64,7 +64,7 @@ def mirror_of(env: WalkEnv) -> Mirror:
     images. The gait clock is shifted by the phase between the two legs.
 
     Raises:
-        NoMirrorError: a leg has no twin, a joint belongs to no leg, or the gait's phases are not shifted alike.
+        NoMirrorError: a leg has no twin, a joint belongs to no leg, or the gait's phases are not shifted equally.
     """
     legs, layout = legs_of(env.sim.scene), env.layout
     feet, axes = legs.feet.numpy(), legs.axes.numpy()

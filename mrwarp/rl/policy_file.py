@@ -1,4 +1,4 @@
-"""What the file of a policy says of itself, read without an engine: whether it fits a robot is known in a second."""
+"""Description of a policy's file, read without an engine: whether it fits a robot is known in a second."""
 
 from __future__ import annotations
 

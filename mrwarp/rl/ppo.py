@@ -443,7 +443,7 @@ class PPO(algorithms.PPO):
 
 
 class _Learner(NetGradient):
-    """A network with its part of the optimiser, whose steps the networks take apart from each other."""
+    """A network with its part of the optimiser, whose steps the networks take separately."""
 
     def __init__(self, ppo: PPO, model: MLPModel, batch: int) -> None:
         super().__init__(model, batch)

@@ -153,7 +153,7 @@ class Divergences:
         found = self._env.nan_guard.take()
         # a wrong state or torque ends in the environment; a wrong action stands in the rollout itself
         unusable = any(not item.finite and item.columns[item.column].quantity == "action" for item in found)
-        count, spoilt = (round(total) for total in self._ranks.total(len(found), unusable))
+        count, unusable_count = (round(total) for total in self._ranks.total(len(found), unusable))
         self._window.append(count)
         self.count += count
         rank = f"-rank{self._ranks.rank}" if self._ranks.world > 1 else ""
@@ -171,10 +171,10 @@ class Divergences:
                 f"numbers went wrong in {count / num_envs if at_once else window:.1%} of the environments {when}, more "
                 f"than {MAX_DIVERGED:.0%}; first: {first}; see 'mrwarp replay-dump' on the files in {self._folder}"
             )
-        return not spoilt
+        return not unusable_count
 
     def state(self) -> dict[str, Any]:
-        """What a checkpoint keeps."""
+        """Content of a checkpoint."""
         return {"divergences": self.count, "divergences_window": list(self._window), "dumps": self._dumps}
 
     def load_state(self, content: Mapping[str, Any]) -> None:

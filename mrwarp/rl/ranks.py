@@ -195,7 +195,7 @@ class Ranks:
     def _end(self, *_: Any) -> None:
         """The launcher ends this rank, mostly because another one has ended."""
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        raise RankLostError("another process of this training ended, or the launcher was told to stop")
+        raise RankLostError("another process of this training ended, or the launcher was stopped")
 
 
 _LOST = ("gloo", "NCCL", "Connection closed", "Connection reset", "Broken pipe", "Socket Timeout", "wait timeout")

@@ -66,7 +66,7 @@ class Trainer:
 
     Args:
         cfg: The run.
-        resume: Checkpoint to go on from, or None to start anew.
+        resume: Checkpoint to go on from, or None to start from the beginning.
         start_from: Checkpoint or policy of another task whose networks a new training begins with; not with ``resume``.
         ranks: The processes that train together, each with ``cfg``'s environments; None trains alone.
 
@@ -252,7 +252,7 @@ class Trainer:
                 print(f"  {path}: {note}", flush=True)
         except (KeyError, TypeError, AttributeError, RuntimeError) as error:
             raise checkpoint.CheckpointError(
-                f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start anew"
+                f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start again"
             ) from error
 
     def update(self) -> dict[str, float]:

@@ -22,7 +22,7 @@ NOISE = 0.15
 which a gait falls."""
 
 CRITIC_FIRST = 100
-"""Updates in which a new critic learns alone beside a policy's actor. Its values begin at 0 and move by at most
+"""Updates in which a new critic learns alone next to a policy's actor. Its values begin at 0 and move by at most
 ``clip_param`` an update, so that till then the advantages are wrong: an actor that followed them from the start lost a
 quarter of its reward, or the gait, and took hundreds of updates to find it again (docs/policies.md)."""
 

@@ -1,4 +1,4 @@
-"""Chains of a robot's joints: which reach the ground, which are built alike, and which stand on their far end."""
+"""Chains of a robot's joints: which reach the ground, which have one build, and which stand on their far end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GROUND_SHARE, LEVEL_SHARE = 0.15, 0.05
 at 0, and in a keyframe, where feet are level."""
 
 EQUAL, EQUAL_MASS = 0.02, 0.2
-"""Chains whose lengths differ by no more than this share are built alike; legs are, a tail or one arm is not. Where one
+"""Chains whose lengths differ by no more than this share have one build; legs do, a tail or one arm is not. Where one
 of them is a leg, so are those whose masses differ by no more than the second share."""
 
 KNEES = 0.75
@@ -61,7 +61,7 @@ def named_paths(robot: ForeignRobot, feet: Sequence[str]) -> list[Path]:
 def hanging(
     robot: ForeignRobot, pose: Mapping[str, float], share: float, *, twins: bool = False
 ) -> tuple[list[Path], list[Guess]]:
-    """Joints to the bodies that reach the ground in a pose, of chains that are alike if there are such, and notes.
+    """Joints to the bodies that reach the ground in a pose, of chains of one build if there are such, and notes.
 
     Args:
         robot: The robot.
@@ -78,7 +78,7 @@ def hanging(
     ends = [next((k for k, z in enumerate(low) if z < min(low) + SOLE), 0) for low in lows]
     near = [chain[: k + 1] for chain, low, k in zip(found, lows, ends, strict=True) if min(low) < (1.0 - share) * floor]
     paths = _by_body(near)
-    legs = [path for path in paths if sum(alike(path, other) for other in paths) > 1] or paths
+    legs = [path for path in paths if sum(same_build(path, other) for other in paths) > 1] or paths
     if twins and len(legs) > 1:
         legs = _by_body([*legs, *left_out(robot, legs)])
     notes = []
@@ -103,7 +103,7 @@ def left_out(robot: ForeignRobot, legs: Sequence[Path]) -> list[Path]:
         other
         for other in _by_body(others)
         if other[-1].child not in own
-        and alike(other, model)
+        and same_build(other, model)
         and abs(_mass(robot, other) - mass) <= EQUAL_MASS * max(_mass(robot, other), mass)
     ]
 
@@ -117,21 +117,21 @@ def length(path: Sequence[Joint]) -> float:
     return sum(float(np.linalg.norm((j.in_child.inv() * k.in_parent).translation)) for j, k in itertools.pairwise(path))
 
 
-def alike(a: Sequence[Joint], b: Sequence[Joint]) -> bool:
-    """Whether two paths have equally many joints, equally far apart."""
+def same_build(a: Sequence[Joint], b: Sequence[Joint]) -> bool:
+    """Whether two paths have equally many joints at equal distances."""
     return len(a) == len(b) and abs(length(a) - length(b)) <= EQUAL * max(length(a), length(b))
 
 
 def limbs(robot: ForeignRobot) -> list[Path]:
-    """The most numerous chains that are alike and hang from the root itself, one of each first joint."""
+    """The most numerous chains of one build that hang from the root itself, one of each first joint."""
     own = list({chain[0].name: chain for chain in chains(robot)}.values())
-    return max(([other for other in own if alike(chain, other)] for chain in own), key=len, default=[])
+    return max(([other for other in own if same_build(chain, other)] for chain in own), key=len, default=[])
 
 
 def reaching(robot: ForeignRobot) -> tuple[list[Path], dict[str, float]]:
-    """Where nothing hangs: the most numerous chains that are alike and reach down, and the angles that stretch them."""
+    """Where nothing hangs: the most numerous chains of one build that reach down, and the angles that stretch them."""
     found = chains(robot)
-    kinds = [[other for other in found if alike(chain, other)] for chain in found]
+    kinds = [[other for other in found if same_build(chain, other)] for chain in found]
     legs = max(kinds, key=len, default=[])
     pose: dict[str, float] = {}
     for leg in legs if len(legs) > 1 else []:
@@ -175,6 +175,6 @@ def _reaches(robot: ForeignRobot, poses: list, path: Sequence[Joint]) -> Iterato
 
 
 def own_joints(paths: Sequence[Path]) -> list[Path]:
-    """What of each path is its own: a spine or a waist that bears several legs belongs to none."""
+    """The part of each path that is its own: a spine or a waist that bears several legs belongs to none."""
     often = Counter(joint.name for path in paths for joint in path)
     return [[joint for joint in path if often[joint.name] == 1 or len(paths) == 1] for path in paths]

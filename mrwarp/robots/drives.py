@@ -35,7 +35,7 @@ class Drive:
 
 @dataclass(frozen=True, kw_only=True)
 class Choices:
-    """What the user says in place of a guess; names of joints may hold * and ?."""
+    """The user's choices in place of a guess; names of joints may hold * and ?."""
 
     pose: Mapping[str, float] = field(default_factory=dict)
     """Neutral angle [rad]."""
@@ -81,7 +81,7 @@ def drives_of(robot: ForeignRobot, joints: Sequence[Joint], choices: Choices) ->
 
 
 def _without_motor(bare: Sequence[str], joints: Sequence[Joint]) -> str:
-    """What to do about joints without a torque limit: where others have motors, these are passive."""
+    """Remedy for joints without a torque limit: where others have motors, these are passive."""
     give = f"give --torque-limit '{bare[0]}=NM' or '*=NM'"
     if not any(joint.torque_limit is not None or joint.kp is not None for joint in joints):
         return f"{bare[0]} has no torque limit; {give}"
@@ -111,7 +111,7 @@ def with_rotors(robot: ForeignRobot, drives: Mapping[str, Drive], choices: Choic
 
     Damping is computed at the begin of a torque step, so a joint is stable while ``Kd * step < 2 * inertia``. Light
     feet alone fail that; a rotor of ``Kd * step`` does not, and is what motors with such gains have (G1: 0.004 to
-    0.025 kg·m² beside Kd of 0.9 to 6).
+    0.025 kg·m² with Kd of 0.9 to 6).
     """
     joints, ruled = [], []
     for joint in robot.joints:

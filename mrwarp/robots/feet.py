@@ -1,4 +1,4 @@
-"""What of a leg touches the ground: the file's own sphere, a sole, or a sphere that is put there; and wheels."""
+"""Shapes of a leg that touch the ground: the file's own sphere, a sole, or a sphere that is put there; and wheels."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _is_flat(points: np.ndarray) -> bool:
 
 
 def foot_notes(robot: ForeignRobot, feet: Sequence[Foot]) -> list[Guess]:
-    """What stands for feet that the file does not have as spheres."""
+    """Shapes that stand for feet that the file does not have as spheres."""
     notes = []
     boxed = [foot for foot in feet if foot.box is not None]
     if boxed:

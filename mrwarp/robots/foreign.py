@@ -1,4 +1,4 @@
-"""A robot of others as bodies, joints and shapes, whatever file it comes from."""
+"""A robot of others as bodies, joints and shapes, from any kind of file."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from mrwarp.robots.guesses import Guess
 
 FREE_LIMIT = 20.0 * math.pi
-"""Limits that are further apart are none of a joint: they are in degrees, or stand for no limits [rad]."""
+"""Limits with a wider range are none of a joint: they are in degrees, or stand for no limits [rad]."""
 
 NO_LIMITS = 1440.0
-"""Limits that are further apart stand for no limits, as 1e10 does: two turns each way, were they in degrees."""
+"""Limits with a wider range stand for no limits, as 1e10 does: two turns each way, were they in degrees."""
 
 BASES = ("fixed", "free")
 """Whether a robot's root stands still or floats."""
@@ -47,7 +47,7 @@ class Body:
 
 @dataclass(kw_only=True)
 class Joint:
-    """What lies between two bodies."""
+    """Joint between two bodies."""
 
     name: str
     kind: str = "hinge"
@@ -105,7 +105,7 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class Coupling:
-    """What ties bodies or joints together beside the tree."""
+    """Tie of bodies or joints in addition to the tree."""
 
     text: str
     """Kind and names."""
@@ -121,7 +121,7 @@ class Coupling:
 
     @property
     def remedy(self) -> str:
-        """What the user can do about it."""
+        """Remedy for the user."""
         if not self.joints:
             return "open it there"
         if self.loop:
@@ -142,7 +142,7 @@ class Keyframe:
 
 @dataclass(kw_only=True)
 class ForeignRobot:
-    """What a file says."""
+    """Content of a file."""
 
     path: Path
     name: str
@@ -155,11 +155,11 @@ class ForeignRobot:
     base_said: str
     """Who says whether the root floats: ``file``, ``user``, or nobody, which is an empty text."""
     couplings: list[Coupling] = field(default_factory=list)
-    """What makes it more than a tree."""
+    """Ties that make it more than a tree."""
     keyframes: list[Keyframe] = field(default_factory=list)
     """Poses of the file, first the one that is called a stance."""
     notes: list[Guess] = field(default_factory=list)
-    """What was left out."""
+    """Parts left out."""
 
     @property
     def rails(self) -> list[str]:

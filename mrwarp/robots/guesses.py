@@ -1,4 +1,4 @@
-"""What is guessed where a robot's file is silent, how good each guess is, and in which order it matters."""
+"""Guesses where a robot's file is silent, how good each is, and in which order it matters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import Enum, unique
 
 @unique
 class Subject(Enum):
-    """What a guess is about, from what changes the robot most to what changes it least, and how good the guess is.
+    """Subjects of guesses, from what changes the robot most to what changes it least, and how good the guess is.
 
     The value is how good it is, as the table of docs/robot.md has it; the order is that of the list that
     ``mrwarp robot import`` ends with: another machine, another weight, another contact, other torques, other motion.
@@ -17,7 +17,7 @@ class Subject(Enum):
 
     BASE = "a convention of the format"
     WHEELS = "no wheel is simulated"
-    LEGS = "right if all legs are built alike"
+    LEGS = "right if all legs have one build"
     FORWARD = "a convention; only names can contradict it"
     INERTIA = "the order of magnitude of a link"
     FEET = "a few millimetres"
@@ -35,7 +35,7 @@ class Guess:
 
     subject: Subject
     text: str
-    """What was taken, for which parts, and how to say it otherwise."""
+    """The guess, its parts, and how to say it otherwise."""
 
     @property
     def line(self) -> str:

@@ -29,7 +29,7 @@ SAID = {
     **{f"{side}{row}": (x, y) for row, x in (("f", 1.0), ("h", -1.0), ("b", -1.0))
        for side, y in (("l", 1.0), ("r", -1.0))},
 }  # fmt: skip
-"""What words of a name say of a leg's place: how far in front, how far to the left."""
+"""Words of a name that give a leg's place: how far in front, how far to the left."""
 
 
 def leg_names(legs: Sequence[Sequence[Joint]]) -> list[str]:
@@ -50,7 +50,7 @@ def leg_names(legs: Sequence[Sequence[Joint]]) -> list[str]:
 
 
 def rows_of(feet: np.ndarray) -> np.ndarray:
-    """Row of each foot, 0 the rearmost: rows are as far apart as half the widest gap between them, or further.
+    """Row of each foot, 0 the rearmost: rows are separated by at least half the widest gap between them.
 
     Args:
         feet: Places in the trunk's frame [m], shape (L, 3).
@@ -59,14 +59,14 @@ def rows_of(feet: np.ndarray) -> np.ndarray:
         return np.zeros(len(feet))
     order = np.argsort(feet[:, 0])
     gaps = np.diff(feet[order, 0])
-    apart = max(0.5 * float(gaps.max()), 0.1 * float(np.ptp(feet[:, :2], axis=0).max()))
+    least = max(0.5 * float(gaps.max()), 0.1 * float(np.ptp(feet[:, :2], axis=0).max()))
     rows = np.zeros(len(feet))
-    rows[order[1:]] = np.cumsum(gaps > apart)
+    rows[order[1:]] = np.cumsum(gaps > least)
     return rows
 
 
 def phases(path: object, gait: str, rows: np.ndarray, sides: np.ndarray) -> list[float]:
-    """Offsets on the gait clock: neighbours of a row, and of a side, half a cycle apart.
+    """Offsets on the gait clock: neighbours of a row, and of a side, half a cycle shifted.
 
     Args:
         path: The robot's file.

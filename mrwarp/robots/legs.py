@@ -53,7 +53,7 @@ class UnderstoodRobot:
     height: float
     """Height of the trunk in the neutral stance [m]."""
     notes: tuple[str, ...]
-    """What was guessed or left out, for the user, first what would change the robot most."""
+    """Guesses and omissions, for the user, first what would change the robot most."""
 
 
 def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
@@ -144,7 +144,7 @@ def _limits(robot: ForeignRobot, driven: Sequence[Joint], choices: Choices) -> l
     """Take limits that are none off the joints that the user names; a note on joints without limits.
 
     Raises:
-        RobotFileError: limits are so far apart that they must be in degrees.
+        RobotFileError: limits have so wide a range that they must be in degrees.
     """
     free = []
     for joint in driven:
@@ -153,7 +153,7 @@ def _limits(robot: ForeignRobot, driven: Sequence[Joint], choices: Choices) -> l
             if not said:
                 low, high = joint.limits
                 raise RobotFileError(
-                    f"{robot.path}: {joint.name} has limits of {low:g} to {high:g}, not less than ten turns apart; "
+                    f"{robot.path}: {joint.name} has limits of {low:g} to {high:g}, a range of ten turns or more; "
                     f"write them in radians there, or say --unlimited {joint.name}"
                 )
             joint.limits = None
@@ -204,7 +204,7 @@ def _layout(
 
 
 def _holding(robot: ForeignRobot, feet: Sequence[Foot], pose: Mapping[str, float], drives: Mapping[str, Drive]) -> str:
-    """What it takes to hold the stance: the joint whose motor comes nearest to its limit, and what gives most."""
+    """Torque to hold the stance: the joint whose motor comes nearest to its limit, and what gives most."""
     torques = {name: torque for name, torque in standing_torques(robot, feet, pose).items() if name in drives}
     most = max(torques, key=lambda name: torques[name] / drives[name].torque_limit)
     soft = max(torques, key=lambda name: torques[name] / drives[name].kp)
@@ -272,7 +272,7 @@ def _paths(
 
 
 def _stands(robot: ForeignRobot, pose: Mapping[str, float], paths: Sequence[Path]) -> bool:
-    """Whether the robot stands on these legs: all that are built alike, level, on their ends, the trunk well above."""
+    """Whether the robot stands on these legs: all of one build, level, on their ends, the trunk well above."""
     poses = robot.poses(pose)
     feet = [lowest(robot, path[-1].child, poses)[2] for path in paths]
     clear = min(feet) < 0.0 and lowest(robot, robot.root, poses)[2] > (1.0 - GROUND_SHARE) * min(feet)

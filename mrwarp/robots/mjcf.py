@@ -361,7 +361,7 @@ class _Compiled:
         return bool(body)
 
     def _couplings(self, joints: dict[int, Joint]) -> Iterator[Coupling]:
-        """What ties bodies or joints together beside the tree."""
+        """Ties of bodies or joints in addition to the tree."""
         model = self.model
         for k in range(model.neq):
             if not model.eq_active0[k]:

@@ -129,7 +129,7 @@ def _robot(path: Path, builder: Any, base: str | None) -> ForeignRobot:
 
 
 def _names(labels: Sequence[str]) -> list[str]:
-    """Names from Newton's labels, which are paths: the last part, or as much as tells them apart."""
+    """Names from Newton's labels, which are paths: the last part, or as much as distinguishes them."""
     short = [label.rstrip("/").rpartition("/")[2] for label in labels]
     often = Counter(short)
     return prim_names([name if often[name] == 1 else label for name, label in zip(short, labels, strict=True)])

@@ -166,7 +166,7 @@ def check_rotors(
         if joint.armature > moved:
             raise RobotFileError(
                 f"{robot.path}: {joint.name} would get a rotor of {joint.armature:.3g} kg·m² by its Kd of "
-                f"{drives[joint.name].kd:.3g} N·m·s/rad, which is more than the {moved:.2g} kg·m² that it moves; give "
+                f"{drives[joint.name].kd:.3g} N·m·s/rad. It moves only {moved:.2g} kg·m²; give "
                 f"--armature '{joint.name}=X', or the motor's --torque-limit or --kd"
             )
 

@@ -19,7 +19,7 @@ from mrwarp.run_dir import no_file
 from mrwarp.usd.open_stage import SCHEMA, open_stage
 
 SUFFIXES = {".xml": "MJCF", ".mjcf": "MJCF", ".urdf": "URDF", ".usd": "USD", ".usda": "USD", ".usdc": "USD"}
-"""What a file holds, by how its name ends."""
+"""Content of a file by the end of its name."""
 
 
 def read_robot(path: Path, meshes: Meshes | None = None, base: str | None = None) -> ForeignRobot:
@@ -73,7 +73,7 @@ def _read_urdf(path: Path, meshes: Meshes, base: str | None) -> ForeignRobot:
 
 
 def _read_usd(path: Path, base: str | None) -> ForeignRobot:
-    """A USD file, with the gains of Newton's motors, also beside MR devices, and the stance of an imported robot."""
+    """A USD file, with the gains of Newton's motors, also next to MR devices, and the stance of an imported robot."""
     stage = open_stage(path)
     if stage.HasAuthoredMetadata("upAxis") and (up := UsdGeom.GetStageUpAxis(stage)) != "Z":
         raise RobotFileError(f"{path}: upAxis is {up}; export it with Z up")

@@ -1,4 +1,4 @@
-"""What legged tasks know of a robot, as a table, with what was guessed and how to say it otherwise."""
+"""A robot as legged tasks see it, as a table, with the guesses and how to say them otherwise."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def layout_lines(asset: RobotAsset, *, guesses: bool = True) -> Iterator[str]:
     places = _places(asset, feet)
     for leg in layout.legs:
         foot, x, y = feet[leg.name], *places[leg.name]
-        apart = {name: math.dist((x, -y), at) for name, at in places.items() if y * at[1] < 0.0}
-        twin = min(apart, key=lambda name: apart[name], default=None)
-        mirror = f"mirrors {twin}" if twin and apart[twin] < MIRROR * abs(y) else "mirrors no other leg"
+        distances = {name: math.dist((x, -y), at) for name, at in places.items() if y * at[1] < 0.0}
+        twin = min(distances, key=lambda name: distances[name], default=None)
+        mirror = f"mirrors {twin}" if twin and distances[twin] < MIRROR * abs(y) else "mirrors no other leg"
         yield (
             f"foot of {leg.name}: {leg.foot} on {foot.GetParent().GetName()}, radius "
             f"{1e3 * foot.GetAttribute('radius').Get():.0f} mm{', and its whole sole' if leg.sole else ''}; "
@@ -78,7 +78,7 @@ def layout_lines(asset: RobotAsset, *, guesses: bool = True) -> Iterator[str]:
 
 
 def guess_lines(asset: RobotAsset) -> Iterator[str]:
-    """What was guessed when the robot was imported, first what would change it most."""
+    """Guesses of the import, first what would change the robot most."""
     if notes := read_notes(asset.stage):
         yield "guessed where the file is silent, first what would change the robot most [how good the guess is]:"
     for note in notes:
@@ -86,7 +86,7 @@ def guess_lines(asset: RobotAsset) -> Iterator[str]:
 
 
 def _places(asset: RobotAsset, feet: dict[str, Usd.Prim]) -> dict[str, tuple[float, float]]:
-    """Where each foot is beside the trunk [m], forwards and to the left, as the file's bodies are placed."""
+    """Where each foot is relative to the trunk [m], forwards and to the left, as the file's bodies are placed."""
     cache, trunk = UsdGeom.XformCache(), asset.layout.trunk
     body = asset.stage.GetPrimAtPath(asset.stage.GetDefaultPrim().GetPath().AppendChild(trunk))
     own = cache.GetLocalToWorldTransform(body).GetInverse()

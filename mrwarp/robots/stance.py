@@ -28,7 +28,7 @@ PARALLEL = 0.9
 
 @dataclass(frozen=True, kw_only=True)
 class Foot:
-    """What touches the ground: a sphere on a body of a leg, the first that reaches the ground."""
+    """The contact with the ground: a sphere on a body of a leg, the first that reaches the ground."""
 
     body: int
     centre: np.ndarray
@@ -45,7 +45,7 @@ class Foot:
 
 
 class _Plane:
-    """A leg as a chain that bends in a plane: joints about one axis, beside others that turn the plane."""
+    """A leg as a chain that bends in a plane: joints about one axis, and others that turn the plane."""
 
     def __init__(self, robot: ForeignRobot, leg: Sequence[Joint], foot: Foot, stretched: Mapping[str, float]) -> None:
         self.robot, self.foot = robot, foot
@@ -59,9 +59,9 @@ class _Plane:
         self.joints = [joint for joint in self.path if joint.name in own]
         poses = self.poses(stretched)
         axes = [(poses[j.parent] * j.in_parent).rotation.apply(j.axis) for j in self.joints]
-        alike = [[abs(a @ b) > PARALLEL for b in axes] for a in axes]
-        most = max(range(len(axes)), key=lambda k: (sum(alike[k]), k))
-        self.bends = [joint for joint, same in zip(self.joints, alike[most], strict=True) if same]
+        parallel = [[abs(a @ b) > PARALLEL for b in axes] for a in axes]
+        most = max(range(len(axes)), key=lambda k: (sum(parallel[k]), k))
+        self.bends = [joint for joint, same in zip(self.joints, parallel[most], strict=True) if same]
         flat = axes[most] * (1.0, 1.0, 0.0)
         lateral = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 0.5 else np.array([0.0, 1.0, 0.0])
         self.lateral = lateral * (-1.0 if lateral[1] < -1e-6 else 1.0)
@@ -70,7 +70,7 @@ class _Plane:
         self.hip = float(points[0][2])
         links = np.diff(points, axis=0)
         self.reach = float(np.linalg.norm(links - np.outer(links @ axes[most], axes[most]), axis=1).sum())
-        self.beside = float((points[-1] - points[0]) @ self.lateral)
+        self.offset = float((points[-1] - points[0]) @ self.lateral)
         self.up = poses[foot.body].rotation.inv().apply([0.0, 0.0, 1.0])
 
     def poses(self, q: Mapping[str, float]) -> list[RigidTransform]:
@@ -105,7 +105,7 @@ def solve_stance(
 ) -> dict[str, float]:
     """A stance: every foot below the first joint that bends its leg, at a share of the reach, see :data:`CROUCH`.
 
-    Beside its plane the foot stays as far as stretched; a foot on ankles stays level. Knees point inwards, on bipeds
+    Out of its plane the foot stays as far as stretched; a foot on ankles stays level. Knees point inwards, on bipeds
     forwards and on sprawling legs outwards, if they can.
 
     Args:
@@ -134,7 +134,7 @@ def solve_stance(
             away = (plane.sole(poses) - plane.point(poses, plane.bends[0])) / plane.reach
             up = poses[plane.foot.body].rotation.apply(plane.up)
             level = up[:2] if len(plane.bends) > 2 and plane.foot.shape is None else []
-            side = away @ plane.lateral - plane.beside / plane.reach
+            side = away @ plane.lateral - plane.offset / plane.reach
             return np.array([away @ plane.forward, side, -away[2] - share, *(0.02 * q), *level])
 
         guess = dict(zip((joint.name for joint in plane.bends), (0.7, -1.4, 0.7), strict=False))

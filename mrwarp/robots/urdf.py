@@ -39,7 +39,7 @@ class Urdf:
     mount: tuple[list[float], list[float]]
     """Where the link world bears the root: place [m] and roll, pitch, yaw [rad]."""
     notes: list[str]
-    """What was taken of the base."""
+    """Note on the chosen base."""
     mimics: dict[str, str]
     """Joints that follow another one, and which."""
 
@@ -231,7 +231,7 @@ def _mesh(path: Path, link: str, name: str, meshes: Meshes) -> Path:
     if not name:
         raise RobotFileError(f"{path}: link {link}: a <mesh> without filename; name its file, or say --skip-meshes")
     if name.startswith(("http://", "https://")):
-        raise RobotFileError(f"{where} lies on the network; put it beside the file, or say --skip-meshes")
+        raise RobotFileError(f"{where} lies on the network; put it next to the file, or say --skip-meshes")
     found = next((file for file in _places(path, name, meshes.packages) if file.is_file()), None)
     if found is None:
         package = unquote(name).partition("://")[2].partition("/")[0]
@@ -245,7 +245,7 @@ def _mesh(path: Path, link: str, name: str, meshes: Meshes) -> Path:
 
 
 def _places(path: Path, name: str, packages: Sequence[Path]) -> Iterator[Path]:
-    """Where a mesh may be: a package beside the file, around it, or in one of the folders that were named."""
+    """Where a mesh may be: a package next to the file, around it, or in one of the folders that were named."""
     scheme, there, rest = name.partition("://")
     if not there:
         yield path.parent / name

@@ -103,7 +103,7 @@ def _is_solid(body: Body) -> bool:
 
 
 def save_checked(layer: Sdf.Layer, path: Path) -> RobotAsset:
-    """Write a layer beside its file, try it out, and only then let it take the file's place."""
+    """Write a layer next to its file, try it out, and only then let it take the file's place."""
     copy = path.with_name(f".{path.stem}-new{path.suffix}")
     try:
         layer.Export(str(copy))

@@ -38,7 +38,7 @@ from mrwarp.study.plan import (
     start_file,
 )
 
-_REMEDY = "remove the folder to train anew"
+_REMEDY = "remove the folder to train again"
 
 _COPIED = (
     *("command", "iterations", "environment_steps", "seconds", "task"),
@@ -166,7 +166,7 @@ def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
         ended=ended,
         iterations=content["iterations" if ended else "iteration"],
         started_from=content.get("started_from"),  # files of earlier versions have none
-        remedy=f"{remedy} or name another --runs to train anew",
+        remedy=f"{remedy} or name another --runs to train again",
     )
     asked = {**task(_env(cfg, plant)), **asdict(cfg.learning), "seed": seed}
     own = {**content["task"], **learned(content), "seed": content["seed"]}

@@ -41,7 +41,7 @@ def make_trials(command: str, items: Sequence[str], fixed: Sequence[str], out: P
         items: The grid, e.g. ``seed=0,1,2``; a value of several words is several values, a flag is ``on`` or ``off``.
         fixed: Arguments that all trials share.
         out: Folder of the sweep.
-        threads: CPU threads of a trial, for commands that have ``--threads`` and were not told.
+        threads: CPU threads of a trial, for commands that have ``--threads`` and got none.
 
     Raises:
         GridError: the command cannot be swept, the grid cannot be read, or the command refuses a trial.

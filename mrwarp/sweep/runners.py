@@ -145,10 +145,10 @@ def run_trial(trial: Trial, mark: Path, retries: int, variables: dict[str, str])
     """Run a trial to its end; a start that is killed or crashes is repeated, bad input is not.
 
     Args:
-        trial: What to run; its folder gets ``log.txt`` and ``trial.json`` beside what the command writes.
+        trial: What to run; its folder gets ``log.txt`` and ``trial.json`` next to what the command writes.
         mark: File without which the process saves and ends, and none is started.
         retries: Most repetitions.
-        variables: Environment variables of the process beside this one's.
+        variables: Environment variables of the process in addition to this one's.
     """
     before = read_status(trial)
     status = Status(args=trial.args, wall_seconds=before.wall_seconds)
@@ -183,7 +183,7 @@ def _run_once(trial: Trial, mark: Path, status: Status, variables: dict[str, str
             stdout=log,
             stderr=subprocess.STDOUT,
             env={**os.environ, "PYTHONUNBUFFERED": "1", **variables},
-            start_new_session=True,  # Ctrl-C comes to the sweep, which tells its trials
+            start_new_session=True,  # Ctrl-C comes to the sweep, which informs its trials
             preexec_fn=_die_with_parent if _LIBC else None,
         )
     status.state, status.pid = "running", process.pid

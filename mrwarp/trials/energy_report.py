@@ -1,4 +1,4 @@
-"""Figures of a measured walk and of missions as a whole, and their printed tables, ours beside the paper's."""
+"""Figures of a measured walk and of missions as a whole, and their printed tables, ours compared with the paper's."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def walk_lines(figures: dict[str, Any]) -> list[str]:
 
 
 def _saving_line(row: Mapping[str, Any]) -> str:
-    """What SAL saves in one condition; what hangs on a coil whose resistance is not known is left out."""
+    """Saving by SAL in one condition; figures that depend on a coil whose resistance is not known is left out."""
     bound, reference, part = row["bound"], row["paper"], row["saving_by_part"]
     where = f"SAL at {row['payload']:g} kg, {row['command']:g} m/s"
     calves, others = part["copper_calves"], part["copper_hips_thighs"]
@@ -205,10 +205,10 @@ def mission_lines(figures: dict[str, Any]) -> list[str]:
     for robot, row in figures["robots"].items():
         cells = [*(row["power"][name] for name in ("outbound", "standby", "return")), row["depletion"],
                  *(row["rise"][name] for name in ("calf_walking", "calf_standby", "all"))]  # fmt: skip
-        beside = ("" if cell["paper"] is None else f" ({cell['paper']:.1f})" for cell in cells)
+        compared_with = ("" if cell["paper"] is None else f" ({cell['paper']:.1f})" for cell in cells)
         marks = ("*" if cell["calibrated"] else " " for cell in cells)
         shown = (f"{figure_text(c['mean'], '.1f')}{paper_s}{mark}"
-                 for c, paper_s, mark in zip(cells, beside, marks, strict=True))  # fmt: skip
+                 for c, paper_s, mark in zip(cells, compared_with, marks, strict=True))  # fmt: skip
         rows.append((paper.NAMES[robot], *shown))
     head = ("robot", "out [W]", "standby [W]", "back [W]", "charge [pp]",
             "calf walk [K]", "calf stand [K]", "all [K]")  # fmt: skip
@@ -223,9 +223,9 @@ def mission_lines(figures: dict[str, Any]) -> list[str]:
                 counted = f"{walk['counted']} repetitions finished both ways and count"
                 lines.append(f"{paper.NAMES[robot]}, {name}: {lost}; {counted}")
     for name, change in figures["changes"].items():
-        beside = "" if change["paper"] is None else f" (paper {change['paper']:+.1%})"
+        compared_with = "" if change["paper"] is None else f" (paper {change['paper']:+.1%})"
         ours = figure_text(change["ours"], "+.1%")
-        lines.append(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {ours}{beside}")
+        lines.append(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {ours}{compared_with}")
     if not compared:
         return lines
     check = figures["consistency"]
@@ -235,6 +235,6 @@ def mission_lines(figures: dict[str, Any]) -> list[str]:
         f"the paper's own numbers: SAL at {check['walking_power_ratio']:.3f} of MR_Go's walking power and "
         f"{check['depletion_ratio']:.3f} of its depletion; {first['energy_ratio']:.3f} of the energy at equal "
         f"{first['speed']:g} m/s. SAL walking at {by['sal_speed']:.2f} m/s would reconcile them, or "
-        f"{by['hidden_load']:.0f} W beside the meter, or a gauge with exponent {by['gauge_exponent']:.2f}"
+        f"{by['hidden_load']:.0f} W past the meter, or a gauge with exponent {by['gauge_exponent']:.2f}"
     )
     return lines

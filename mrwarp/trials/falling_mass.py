@@ -20,7 +20,7 @@ JOINTS = ("mass_x", "mass_y", "mass_z")
 """Slide joints of the mass: the guide moves with the robot sideways, the mass falls in it."""
 
 PLATE = "mass_plate"
-"""What the mass meets on another robot than the shipped one."""
+"""Target of the mass on another robot than the shipped one."""
 
 PAD, PAD_MASS, PAD_DAMPING = "mass_pad", 0.1, 0.1
 """Name, mass [kg] and damping ratio of the pad of a compliant contact: light against 10 kg; rubber and soft foam have a

@@ -25,7 +25,7 @@ from mrwarp.runtime import panels
 from mrwarp.usd.asset import RobotAsset
 
 AMPLITUDE, FREQUENCY = 0.3, 0.5
-"""Motion of every joint about the neutral stance, where its limits allow it [rad, Hz]; neighbours a quarter apart."""
+"""Motion of every joint about the neutral stance, where its limits allow it [rad, Hz]; neighbours a quarter shifted."""
 
 SETTLE = 2.0
 """Time to come to rest before a push [s]."""
@@ -33,7 +33,7 @@ SETTLE = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class ArmTrace:
-    """What an arm did with C currents; J joints, T samples at 200 Hz."""
+    """Motion of an arm with C currents; J joints, T samples at 200 Hz."""
 
     t: np.ndarray
     """Time [s], shape (T,); of a push, since it began."""

@@ -101,7 +101,7 @@ class ImpactCfg:
                 MrParams.spec(name).check(value, "impact variant")
 
     def scaled(self, by: Scales) -> ImpactCfg:
-        """The same impact on a robot of another size: speeds, times, lengths and body weights in proportion."""
+        """The impact scaled to a robot of another size: speeds, times, lengths and body weights in proportion."""
         if by == Scales():
             return self
         return replace(
@@ -172,7 +172,7 @@ class ImpactSweep:
     Attributes:
         env: The environments; setting i, trial k is environment ``i*trials + k``.
         forces: Push on each trunk [N], world frame, shape (E, 3); may be changed before a run.
-        foreign: What tells the devices from the paper's, see :func:`mrwarp.trials.walking.foreign_device`.
+        foreign: How the devices differ from the paper's, see :func:`mrwarp.trials.walking.foreign_device`.
         watchers: Called after every torque step with the time relative to the impact's onset [s], e.g. to show it.
     """
 
@@ -215,7 +215,7 @@ class ImpactSweep:
         cfg, env, mass = self.cfg, self.env, self.mass
         env.substep_hooks.clear()
         if self.watchers:
-            env.substep_hooks.append(self._tell)
+            env.substep_hooks.append(self._notify)
         if again and self._walked_in is not None:
             self._set(current=False)
             env.load_state(self._walked_in)
@@ -303,8 +303,8 @@ class ImpactSweep:
             self.env.set_command(self._command)
         return obs
 
-    def _tell(self) -> None:
-        """Tell the watchers the time; a torque step has passed."""
+    def _notify(self) -> None:
+        """Give the watchers the time; a torque step has passed."""
         self._time += self.env.sim.dt
         for watch in self.watchers:
             watch(self._time)

@@ -1,4 +1,4 @@
-"""What impact trials show: of each current, of the gates' thresholds, and of what a model's effects change."""
+"""Results of impact trials: of each current, of the gates' thresholds, and of what a model's effects change."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def threshold_reductions(trace: ImpactTrace) -> dict[str, list[dict[str, Any]]]:
 
 
 def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path, *, paper_device: bool = True) -> None:
-    """Draw both reductions over each threshold, of the paper's device beside the paper's ranges."""
+    """Draw both reductions over each threshold, of the paper's device with the paper's ranges."""
     labels = {
         "f_th": "foot force threshold f_th [N]",
         "eps_e": "tracking error threshold eps_e [rad]",
@@ -154,7 +154,7 @@ def impact_change(
         currents: Currents I_e [A]; None: those of eq. 20 that both devices take, and the most that they take.
         trials: Trials at each current, at random gait phases.
         seed: Seed of poses and gait phases.
-        progress: Told what is being done.
+        progress: Called with the current stage.
 
     Returns:
         Plain values: ``rows``, each with a ``current`` [A] and, by the names of :data:`EFFECT_FIGURES`, means over the

@@ -76,7 +76,7 @@ class MissionCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseLoad:
-    """What the window of one phase measured; n repetitions."""
+    """Measurements of the window of one phase; n repetitions."""
 
     joints: JointLoad
     """Shapes (n, J), (n, M)."""
@@ -96,7 +96,7 @@ class PhaseLoad:
     """See :class:`mrwarp.trials.walk_trials.WalkResult`."""
 
     def of(self, trials: np.ndarray) -> PhaseLoad:
-        """The same for some repetitions; what stands for all stays."""
+        """The figures of some repetitions; what stands for all stays."""
         if self.trial is None:
             return self
         rows = np.isin(self.trial, trials)

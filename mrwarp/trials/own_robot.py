@@ -26,7 +26,7 @@ PATIENCE, WARMUP = 2.0, 2.0
 
 
 def as_go1(joints: JointLoad, limits: np.ndarray, by: Scales) -> JointLoad:
-    """What joints did, in Go1's units: its share of each motor's torque limit, times and powers by the robot's size.
+    """Means of joints in Go1's units: the share of each motor's torque limit, times and powers by the robot's size.
 
     Nobody measured the motors of these robots. The assumption is that they are as good as Go1's: at its joint's torque
     limit a motor loses the heat that Go1's does at its own, in proportion to the robot's power (mass times speed), and
@@ -86,7 +86,7 @@ def walk_currents(
         distance: [m]
         seed: Seed of poses and phases.
         cfg: Numbers of the energy model, Go1's.
-        report: Told the share that is done.
+        report: Called with the share that is done.
 
     Returns:
         A row per current and speed: ``power`` [W] and its ``parts``, ``cot`` [1], ``speed`` [m/s], ``v_x_rmse``,

@@ -1,4 +1,4 @@
-"""What walking robots do: torque steps and motion summed per environment, and two strides of one calf as a series."""
+"""Measurements of walking robots: sums of torque and motion per environment, and two strides of a calf as a series."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ STRIDES = 2
 """Strides that are kept, the first after the warm-up."""
 
 CHANNELS = ("f_foot", "q_des", "q", "qd", "tau_motor", "tau_mr", "current", "m_hold", "m_dyn")
-"""What is recorded [N, rad, rad, rad/s, N·m, N·m, A, 1, 1]."""
+"""Recorded quantities [N, rad, rad, rad/s, N·m, N·m, A, 1, 1]."""
 
 
 def torque_of_bins() -> np.ndarray:
@@ -269,6 +269,6 @@ class TraceRecorder:
             self._samples.append({name: values[self._rows, leg].cpu().numpy() for name, values in now.items()})
 
     def trace(self, index: int) -> GaitTrace:
-        """What was recorded of the ``index``-th shown environment."""
+        """Recorded series of the ``index``-th shown environment."""
         values = {name: np.array([sample[name][index] for sample in self._samples]) for name in CHANNELS}
         return GaitTrace(t=np.arange(len(self._samples)) * self._env.sim.dt, values=values)

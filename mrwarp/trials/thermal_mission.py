@@ -90,7 +90,7 @@ class HoldMeter:
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """What a window with devices of some temperature measured."""
+    """Measurements of a window with devices of some temperature."""
 
     joints: JointLoad
     """Mean over the trials, shapes (J,), (M,)."""
@@ -227,7 +227,7 @@ def _env(cfg: MissionCfg, mode: str, need: float, strength: float, payload: int)
 
 
 def _derating(mode: str, warm: np.ndarray, heat: ThermalCfg, electrical: ElectricalCfg) -> Callable[..., None]:
-    """What makes the devices of a mode so warm [K above their identification], shape (M,)."""
+    """Causes of the warmth of a mode's devices [K above their identification], shape (M,)."""
     strength, viscosity = thermal.derated(warm, heat)
 
     def derate(env: WalkEnv, robots: Sequence[str] = ()) -> None:
@@ -292,9 +292,9 @@ def over(missions: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
             modes[mode]["against_plain"] = {
                 name: interval([m["modes"][mode][name] - m["modes"][plain][name] for m in every]) for name in FIGURES
             }
-    alike = {name: interval([m[name] for m in every]) for name in ("fixed_current", "need_95")}
+    shared = {name: interval([m[name] for m in every]) for name in ("fixed_current", "need_95")}
     cold = {name: interval([m[name] for m in every]) for name in ("slipped", "short")}
-    return {"modes": modes, "cold": cold, **alike, "ambient": every[0]["ambient"], "missions": missions}
+    return {"modes": modes, "cold": cold, **shared, "ambient": every[0]["ambient"], "missions": missions}
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Figures of walks (tables 6 and 7, figure 8(c)) and of missions (figures 10 and 11), ours beside the paper's."""
+"""Figures of walks (tables 6 and 7, figure 8(c)) and missions (figures 10 and 11), ours and the paper's."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STANCE_SHARE = 0.5
 
 
 def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> dict[str, Any]:
-    """All figures of one condition; spreads are over its trials. Another device has no paper's row beside it.
+    """All figures of one condition; spreads are over its trials. Another device is compared with no row of the paper.
 
     ``calibrated``: whether the numbers were fitted to Go1's rows, which are then marked.
     """
@@ -107,7 +107,7 @@ def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list
 
 
 def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -> float:
-    """What holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
+    """Power that holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
 
     ``motors`` is the load of a standing Go1, ``devices`` that of a standing MR_Go whose calves are held.
     """
@@ -116,7 +116,7 @@ def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -
 
 @dataclass(frozen=True, kw_only=True)
 class Saving:
-    """What SAL saves against MR_Go in one condition: simulated, the paper's, and by closed form."""
+    """Saving by SAL against MR_Go in one condition: simulated, the paper's, and by closed form."""
 
     payload: float
     """[kg]"""
@@ -147,7 +147,7 @@ class Saving:
 
 
 def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[Saving]:
-    """What SAL saves in each condition in which both robots arrived; nothing of the paper beside another device.
+    """Saving by SAL in each condition in which both robots arrived; without the paper's for another device.
 
     ``standing``: what holding saves our standing robots [W], see :func:`standing_saving`.
     """
@@ -223,7 +223,7 @@ def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
 
 
 def mission_row(robot: str, trace: MissionTrace, *, calibrated: Collection[str] = MISSION_GROUPS) -> dict[str, Any]:
-    """One robot's figures, beside the paper's where its devices are the paper's, else beside None.
+    """One robot's figures, with the paper's where its devices are the paper's, else with None.
 
     Figures of the ``calibrated`` groups, whose numbers come from Go1's figures, are marked; none where the task is not
     the paper's.
@@ -258,7 +258,7 @@ def mission_changes(rows: dict[str, Any]) -> dict[str, Any]:
     """Relative change from MR_Go to MR_Go-SAL, ours and the paper's; predictions.
 
     ``sd`` and ``paper_sd`` are those of the ratio of two independent figures; the latter is None where the paper states
-    no spread. Nothing of the paper stands beside another device than its own.
+    no spread. Another device than the paper's is not compared with the paper.
     """
     if not {"mr_go", "mr_go_sal"} <= set(rows):
         return {}

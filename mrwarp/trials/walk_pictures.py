@@ -52,7 +52,7 @@ def _bar(axis: Axes, x: float, width: float, robot: str, cell: Mapping[str, floa
 
 
 def _bar_legend(robots: Sequence[str], calibrated: bool, theirs: bool) -> list[Patch | Line2D]:
-    """What the colours of the bars, their hatches and the marks on them mean."""
+    """Meaning of the bars' colours, hatches and marks."""
     found: list[Patch | Line2D] = [Patch(color=COLORS[robot], label=NAMES[robot]) for robot in robots]
     if calibrated:
         found.append(Patch(facecolor="white", edgecolor="0.5", hatch="//", label="used to calibrate"))
@@ -131,7 +131,7 @@ def mission_power(traces: Mapping[str, MissionTrace], path: Path) -> None:
 
 
 def mission_temperature(traces: Mapping[str, MissionTrace], rows: Mapping[str, Any], path: Path) -> None:
-    """Motor temperatures over time, and rises beside the paper's; hatched bars were calibrated."""
+    """Motor temperatures over time, and rises compared with the paper's; hatched bars were calibrated."""
     figure, ((left, right),) = panels((11, 4.5), 1, 2)
     for robot, trace in traces.items():
         left.plot(trace.t, trace.calf, color=COLORS[robot])

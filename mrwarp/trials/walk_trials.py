@@ -107,7 +107,7 @@ class WalkCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class WalkResult:
-    """What one condition gave; n trials that covered the distance."""
+    """Results of one condition; n trials that covered the distance."""
 
     robot: str
     payload: float

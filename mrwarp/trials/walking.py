@@ -35,7 +35,7 @@ Policy = Callable[[TensorDict], torch.Tensor]
 
 @dataclass(frozen=True, kw_only=True)
 class WalkingGate:
-    """What "has learned to walk" means. The limits are the project's; sources stand beside them."""
+    """Meaning of "has learned to walk". The limits are the project's; sources stand next to them."""
 
     num_envs: int = 64
     """Environments, spread evenly over the four current groups."""
@@ -52,7 +52,7 @@ class WalkingGate:
     rmse: float = 0.107
     """Largest v_x RMSE there [m/s]: the paper's conventional policy (table 2, A: 0.1062)."""
     rmse_aim: float = 0.071
-    """What to aim for [m/s]: the paper's actuator-aware policy with SAL (table 2, D: 0.0708)."""
+    """Target [m/s]: the paper's actuator-aware policy with SAL (table 2, D: 0.0708)."""
     height: tuple[float, float] = (0.30, 0.35)
     """Mean trunk height [m]; the paper takes the root height for the CoM height (section 6.3)."""
     frequency: float = 1.5
@@ -122,7 +122,7 @@ def task_devices(cfg: EnvCfg) -> tuple[JointActuator, ...]:
 
 
 def devices_of(cfg: EnvCfg) -> tuple[JointActuator, ...]:
-    """The joints of the task's robot that carry a device, likewise."""
+    """The joints of the task's robot that carry a device."""
     asset = load_robot(cfg.asset, robot=cfg.robot)
     if cfg.model is not None:
         asset = with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
@@ -132,17 +132,17 @@ def devices_of(cfg: EnvCfg) -> tuple[JointActuator, ...]:
 def foreign_device(actuators: Sequence[JointActuator]) -> str:
     """How a robot's devices differ most from the paper's, as a line for the user; empty if they are the paper's.
 
-    Figures of another device are set beside nothing of the paper.
+    Figures of another device are not compared with the paper.
     """
     for joint in actuators:
         if joint.mr is None or joint.is_paper_device:
             continue
         paper, own = MrParams(), joint.mr
-        alike = {"q_offset": paper.bouc_wen.q_offset, "q_center": paper.bouc_wen.q_center}  # no part of a device
+        unknown = {"q_offset": paper.bouc_wen.q_offset, "q_center": paper.bouc_wen.q_center}  # no part of a device
         if not own.coil.coil_resistance:
-            alike["coil_resistance"] = paper.coil.coil_resistance
+            unknown["coil_resistance"] = paper.coil.coil_resistance
         why = "its effects" if joint.effects else "a model that cannot be read" if joint.lost else ""
-        why = largest_difference(own.replace(**alike), paper) or why or "its coil resistance is not known"
+        why = largest_difference(own.replace(**unknown), paper) or why or "its coil resistance is not known"
         return f"note: {joint.joint} is not the paper's device ({why}): the paper's figures are left out"
     return ""
 
@@ -192,11 +192,11 @@ def limit_note(devices: Sequence[JointActuator], current: float) -> Iterator[str
     limits = sorted({a.mr.coil.current_max for a in devices if a.mr is not None})
     if limits and limits[0] < current:
         own = " or ".join(f"{limit:g}" for limit in limits if limit < current)
-        yield f"note: the devices take 0 to {own} A; of {current:g} A they use that much"
+        yield f"note: requested {current:g} A, limited to the devices' {own} A"
 
 
 def device_notes(cfg: EnvCfg, current: float) -> Iterator[str]:
-    """What a user is told of the devices before a walk, a line each.
+    """Notes for a user on the devices before a walk, a line each.
 
     ``current``: what the devices may use [A].
     """

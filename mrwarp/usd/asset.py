@@ -39,7 +39,7 @@ ROBOT_SUFFIXES = (".usda", ".usdc", ".usd")
 
 @dataclass(frozen=True, kw_only=True)
 class JointActuator:
-    """What drives one joint: gains [N·m/rad, N·m·s/rad], motor torque limit [N·m], MR device (``None``: motor only)."""
+    """Drive of one joint: gains [N·m/rad, N·m·s/rad], motor torque limit [N·m], MR device (``None``: motor only)."""
 
     joint: str
     prim_path: str
@@ -174,7 +174,7 @@ def most_current(actuators: Sequence[JointActuator]) -> float:
 def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]) -> None:
     """Refuse currents that the coils' controllers would cut down to their own maximum.
 
-    A coil of 0 A beside others is a broken wire: it takes none, whatever the others get.
+    A coil of 0 A next to others is a broken wire: it takes none, regardless of the others' currents.
 
     Raises:
         AssetError: one is larger than a device's ``current_max``.
@@ -252,12 +252,12 @@ def not_known(actuators: Sequence[JointActuator]) -> list[str]:
 
 
 def device_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
-    """What a user is told of the devices, a line each: effects that act or do not, what was not measured or stated."""
-    told: dict[str, list[str]] = {}
+    """Notes for a user on the devices, a line each: effects that act or do not, what was not measured or stated."""
+    joints_of: dict[str, list[str]] = {}
     for a in actuators:
         for line in _device_lines(a):
-            told.setdefault(line, []).append(a.joint)
-    yield from (line.replace("{}", ", ".join(joints)) for line, joints in told.items())
+            joints_of.setdefault(line, []).append(a.joint)
+    yield from (line.replace("{}", ", ".join(joints)) for line, joints in joints_of.items())
 
 
 def _device_lines(a: JointActuator) -> Iterator[str]:

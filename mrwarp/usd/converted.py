@@ -25,7 +25,7 @@ CACHE_BYTES = 2**28
 """Largest size of the cache [bytes], some hundred robots: the entries that were used last stay."""
 
 LIBRARIES = ("newton", "newton-usd-schemas", "usd-core", "mujoco", "warp-lang", "numpy", "trimesh")
-"""What takes part in a conversion."""
+"""Inputs of a conversion."""
 
 DRIVE = "NewtonActuator"
 """Type of the prims that drive joints: nothing of them is in the MuJoCo model."""

@@ -1,6 +1,6 @@
 """Put numbers into a USD asset; comments and layout of a text file stay, which USD's own writer drops.
 
-:func:`edit_asset` finds the prim, checks each number, writes a copy beside the target, has the copy checked, and only
+:func:`edit_asset` finds the prim, checks each number, writes a copy next to the target, has the copy checked, and only
 then lets it replace the target. :func:`set_values` edits text without understanding the format: places that may be
 meant are tried in turn, and the text that USD reads as the wanted change, and as nothing else, is taken.
 """
@@ -57,7 +57,7 @@ class UsdaTextError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """What an edit did to one actuator: attribute, value before (``None``: there was none) and after."""
+    """Change of one actuator by an edit: attribute, value before (``None``: there was none) and after."""
 
     prim: str
     attribute: str
@@ -164,15 +164,15 @@ def edit_asset(
 
 
 def changes_by_prim(changes: Iterable[Change]) -> list[str]:
-    """Lines that tell changes: those of one actuator stand together, once for all actuators that share them."""
-    told: dict[str, list[str]] = {}
+    """Lines that report changes: those of one actuator stand together, once for all actuators that share them."""
+    lines_of: dict[str, list[str]] = {}
     for change in changes:
-        told.setdefault(change.prim, []).append(change.what)
-    alike: dict[tuple[str, ...], list[str]] = {}
-    for prim, lines in told.items():
-        alike.setdefault(tuple(lines), []).append(prim)
+        lines_of.setdefault(change.prim, []).append(change.what)
+    shared: dict[tuple[str, ...], list[str]] = {}
+    for prim, lines in lines_of.items():
+        shared.setdefault(tuple(lines), []).append(prim)
     found = []
-    for lines, (first, *others) in alike.items():
+    for lines, (first, *others) in shared.items():
         found += [f"{first} {line}" for line in lines]
         found += [f"the same on {', '.join(others)}"] * bool(others)
     return found
@@ -267,7 +267,7 @@ def _write(stage: Usd.Stage, file: Path, copy: Path, sites: Mapping[str, Values]
             _set(layer, path, name, value, kind)
     if not layer.Export(str(copy), args={"format": "usda"} if is_text and copy.suffix == ".usd" else {}):
         raise AssetError(f"{copy}: cannot be written")
-    return f"written through USD, which keeps no comments and lays the text out anew: {reason}"
+    return f"written through USD, which keeps no comments and lays the text out again: {reason}"
 
 
 def set_values(text: str, path: str, values: Values) -> str:

@@ -1,9 +1,9 @@
 """Open a USD file: tried out in another process first, then composed here, with every error on one line.
 
 USD's readers are fast, not careful: a damaged or malicious file can make them overflow the stack, take all memory or
-never end, and no exception tells. So a helper process with little memory, stack and time opens and composes each file
-first (:func:`serve`; a request a line, an answer a line). What kills the helper is refused; what it refuses, in its
-words. A file that passed is not tried again in this process until it or a layer of it changes.
+never end, and no exception reports it. So a helper process with little memory, stack and time opens and composes each
+file first (:func:`serve`; a request a line, an answer a line). What kills the helper is refused; what it refuses, in
+its words. A file that passed is not tried again in this process until it or a layer of it changes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SCHEMA = "MrwarpMRDriveAPI"
 
 _HERE = Path(__file__).resolve().parents[1]
 ASSETS = next((p for p in (_HERE / "assets/usd", _HERE.parent / "assets/usd") if p.is_dir()), _HERE / "assets/usd")
-"""Folder of the USD assets: inside the package when installed as a wheel, beside it in a checkout."""
+"""Folder of the USD assets: inside the package when installed as a wheel, next to it in a checkout."""
 
 MAX_BYTES = 2**28
 """Largest file [bytes]."""
@@ -161,7 +161,7 @@ def choices(stage: Usd.Stage) -> Iterator[tuple[str, ...]]:
 
 
 def said(error: object) -> str:
-    """What USD's errors say, on one line, without where in USD's own source they were raised."""
+    """Text of USD's errors, on one line, without where in USD's own source they were raised."""
     try:
         text = str(error)
     except UnicodeDecodeError:  # the message quotes the file
@@ -203,7 +203,7 @@ _helper: subprocess.Popen[str] | None = None
 
 
 def _state(file: str) -> tuple[int, ...] | None:
-    """What tells whether a file was changed."""
+    """Marks that show whether a file was changed."""
     with contextlib.suppress(OSError):
         found = os.stat(file)
         return found.st_mtime_ns, found.st_size, found.st_ino
@@ -318,7 +318,7 @@ def try_out(folder: str, file: str) -> dict[str, Any]:
         return _TOO_LARGE if "bad_alloc" in str(error) else {"refused": str(error)}
     except MemoryError:
         return _TOO_LARGE
-    except Exception as error:  # whatever it is, it is about this file
+    except Exception as error:  # any error here is about this file
         return {"refused": f"{file}: cannot be opened: {type(error).__name__}: {said(error)}; repair the file"}
     return {"layers": sorted(layers)}
 

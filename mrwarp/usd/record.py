@@ -1,6 +1,6 @@
-"""What an MR prim holds: its numbers, and the record of the model that they are of.
+"""Content of an MR prim: its numbers, and the record of the model that they are of.
 
-The numbers are the attributes ``newton:mr:*``. One text attribute beside them, :data:`RECORD`, holds as JSON
+The numbers are the attributes ``newton:mr:*``. One text attribute next to them, :data:`RECORD`, holds as JSON
 ``model``, the content of the model.json that was applied (intervals, origin, effects), and ``rest``, the prim's other
 numbers at that time. Any USD tool may change the numbers: where one differs from the record, the attribute counts, and
 its interval is dropped, as it belongs to another value.
@@ -39,7 +39,7 @@ PREFIX = "newton:mr:"
 """Namespace of the MR parameters in USD."""
 
 PD = {f"newton:{n}": MrParams.spec(s) for n, s in (("kp", "kp_base"), ("kd", "kd"), ("maxEffort", "tau_limit"))}
-"""What is known about the attributes of a plain motor."""
+"""Facts about the attributes of a plain motor."""
 
 _NUMBER_TYPES = {"double", "float", "int"}
 
@@ -57,7 +57,7 @@ _REMEDY = f"apply the model again with 'mrwarp asset apply', or remove {RECORD}:
 
 @dataclass(frozen=True, kw_only=True)
 class PrimModel:
-    """What a prim holds: the model as its attributes are now, and where it comes from."""
+    """Content of a prim: the model as its attributes are now, and its origin."""
 
     model: Model
     applied: Model | None = None
@@ -81,7 +81,7 @@ class PrimModel:
             yield self.note()
 
     def note(self) -> str:
-        """What differs from the applied model, on one line; empty if nothing does."""
+        """Differences from the applied model, on one line; empty without any."""
         values = self.model.values
         parts = [f"{name} = {values[name]:.10g} (was {was:.10g})" for name, was in self.changed.items()]
         return f"changed since the model was applied, so without interval: {', '.join(parts)}" if parts else ""
@@ -123,7 +123,7 @@ def read_number(prim: Usd.Prim, name: str, spec: ParamSpec, file: str | Path) ->
     value: Any = opinion.default
     if opinion.HasInfo("timeSamples"):
         raise AssetError(f"{where}: {name} varies with time; author one value; {spec.allowed()}")
-    # USD keeps a path or a list that stands in place of a number, whatever the attribute's type says
+    # USD keeps a path or a list that stands in place of a number, regardless of the attribute's type
     if str(opinion.typeName) not in _NUMBER_TYPES or not isinstance(value, int | float):
         raise AssetError(f"{where}: {opinion.typeName} {name} = {value!r} is not a number; {spec.allowed()}")
     if str(opinion.typeName) == "float" and math.isfinite(value):
@@ -156,7 +156,7 @@ def read_model(prim: Usd.Prim, file: str | Path = "stage") -> PrimModel:
 
 
 def record_text(model: Model, params: MrParams) -> str:
-    """The record of a model for a prim whose numbers, beside the model's, are those of ``params``."""
+    """The record of a model for a prim whose numbers, in addition to the model's, are those of ``params``."""
     rest = {name: value for name, value in params if name != "q_neutral" and name not in model.parameters}
     return json.dumps({"model": model_to_dict(model), "rest": rest}, allow_nan=False, separators=(",", ":"))
 
@@ -192,7 +192,7 @@ def origin(model: Model) -> str:
 
 
 def summary(value: Any) -> str:
-    """A record for a message, whatever it holds."""
+    """A record for a message, with any content."""
     try:
         return f"model {origin(parse_record(value, '')[0])}" if value else "none"
     except (AssetError, TypeError):
@@ -200,7 +200,7 @@ def summary(value: Any) -> str:
 
 
 def record_difference(old: Any, new: Any, places: tuple[str, str]) -> str:
-    """What differs between two records, on one line: at most three entries.
+    """Differences between two records, on one line: at most three entries.
 
     Raises:
         AssetError: one of them is unusable; ``places`` says where they stand.
@@ -241,7 +241,7 @@ def _record(prim: Usd.Prim, place: str) -> str:
 
 
 def law_name(model: Model | None) -> str:
-    """What :data:`LAW` says of a model."""
+    """Value of :data:`LAW` for a model."""
     return model.law.name if model is not None and model.law is not None else "bouc_wen"
 
 

@@ -1,4 +1,4 @@
-"""What legged tasks know of a robot: its trunk, legs, joints in their order, neutral stance and gait.
+"""A robot as legged tasks see it: its trunk, legs, joints in their order, neutral stance and gait.
 
 A :class:`Layout` says it of any robot; one stands in the USD file (:mod:`mrwarp.usd.robot_layout`). The constants are
 those of the shipped one, whose geometry, masses, limits and gains live in ``assets/usd/mr_go.usda``. Angle signs follow

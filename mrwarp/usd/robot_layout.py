@@ -62,7 +62,7 @@ def read_layout(stage: Usd.Stage, file: Path) -> Layout:
 
 
 def read_notes(stage: Usd.Stage) -> tuple[str, ...]:
-    """What was guessed or left out when the robot was imported."""
+    """Guesses and omissions of the import."""
     notes = stage.GetDefaultPrim().GetAttribute(NOTES)
     return tuple(notes.Get() or ()) if notes else ()
 

@@ -1,4 +1,4 @@
-"""What stands in a USD asset, as text: joints and MR numbers, check of every variant, differences of two files."""
+"""Content of a USD asset, as text: joints and MR numbers, check of every variant, differences of two files."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def label(asset: RobotAsset) -> str:
 def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterator[str]:
     """Load and convert every variant; yields a line for each that is usable, and where numbers left their model.
 
-    ``convert`` builds the MuJoCo model of an asset; whatever it raises is about the file.
+    ``convert`` builds the MuJoCo model of an asset; any error it raises is about the file.
 
     Raises:
         AssetError: the first thing that is wrong.
@@ -91,7 +91,7 @@ def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterato
             model = convert(asset)
         except AssetError:
             raise
-        except Exception as error:  # whatever Newton and MuJoCo raise is about this file
+        except Exception as error:  # any error of Newton and MuJoCo is about this file
             reason = " ".join(str(error).split()) or type(error).__name__
             raise AssetError(f"{file}: {label(asset)}: Newton cannot convert it: {reason}") from error
         yield (

@@ -196,7 +196,7 @@ class FrameStream:
                 try:
                     if self._error is None:
                         self._log(Frames.join(waiting))
-                except Exception as error:  # whatever it is: the simulation goes on, or hears of it in log()
+                except Exception as error:  # any error: the simulation goes on, or hears of it in log()
                     self._error = error
                 waiting, logged = [], time.monotonic()
             if frames is None:

@@ -78,7 +78,7 @@ class SideView:
         scene: What is simulated.
 
     Attributes:
-        unit: Size of the robot beside the shipped one's.
+        unit: Size of the robot relative to the shipped one's.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -89,7 +89,7 @@ class SideView:
         self._feet = shapes.feet(scene, self._shapes)
 
     def draw(self, axis: Axes, qpos: np.ndarray, gate: np.ndarray, force: np.ndarray, *, x: float = 0.0) -> None:
-        """Draw one robot with its trunk above ``x``, looking at its own right side whatever its heading.
+        """Draw one robot with its trunk above ``x``, looking at its own right side for any heading.
 
         The ground, if there is one, is drawn in the plane of the trunk; it is at height 0 below the trunk.
 
@@ -225,7 +225,7 @@ def contact_sheet(
     by_devices = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
     _lines(work, "work on the joints [J]", time, by_devices, of_robots, linestyle=":")
     styles = [Line2D([], [], color="0.4", label="motors"), Line2D([], [], color="0.4", linestyle=":", label="devices")]
-    # beside the title, above the lines
+    # next to the title, above the lines
     work.legend(handles=styles, fontsize=7, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
     for axis in (axis for row in axes for axis in row):
         axis.set_xlim(float(time[0]), float(time[-1]))
@@ -323,7 +323,7 @@ def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path)
 
 
 def watched_name(scene: Scene) -> str:
-    """What the joints that are followed are called: the calves of the shipped robot."""
+    """Names of the joints that are followed: the calves of the shipped robot."""
     return "calf" if scene.layout == MR_GO else "joint"
 
 
@@ -346,7 +346,7 @@ def _draw_times(axis: Axes, times: np.ndarray) -> None:
 
 
 def _draw_row(axis: Axes, side: SideView, poses: Sequence[Pose], label: str, notes: Sequence[str] = ()) -> None:
-    """One robot at the instants, from left to right, with a note beside each."""
+    """One robot at the instants, from left to right, with a note next to each."""
     unit = side.unit
     for place, (qpos, gate, force) in enumerate(poses):
         side.draw(axis, qpos, gate, force, x=unit * PITCH * (place + 0.5))

@@ -5,7 +5,7 @@ Entities, for every shown environment ``<k>_<current>A``, and ``ground`` if it h
     robots/3_1.5A/                 place of the robot in the row
         body/<body>/               pose of a body; below it its shapes, logged once; calves take their gate's colour
         foot_force/                forces of the ground on the feet, as arrows
-        series/<name>              time series, see SERIES; the unit is logged beside each
+        series/<name>              time series, see SERIES; the unit is logged with each
         gate/<leg>                 state of a device's gates: off, dynamic, hold
 """
 
@@ -340,7 +340,7 @@ def _plot(series: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
 
 
 def _time_axis() -> rrb.archetypes.TimeAxis:
-    """The last seconds up to the time shown, in all plots alike."""
+    """The last seconds up to the time shown, in all plots."""
     window = rr.TimeRange(
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-WINDOW), end=rr.TimeRangeBoundary.cursor_relative()
     )

@@ -95,7 +95,7 @@ def body_names(scene: Scene) -> tuple[str, ...]:
 
 
 def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
-    """What is drawn of the robot: its meshes, the shapes of bodies without meshes, the feet, and two kinds of symbols.
+    """Drawn parts of the robot: its meshes, the shapes of bodies without meshes, the feet, and two kinds of symbols.
 
     The symbols are links of bodies that have no shapes, and a disc on the axis of each joint with an MR device.
     """
@@ -190,7 +190,7 @@ def _meshes(scene: Scene, names: tuple[str, ...], moved: dict[int, str], device_
 
 
 def _above(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """What a prim lies in, innermost first."""
+    """Parents of a prim, innermost first."""
     while prim := prim.GetParent():
         yield prim
 

@@ -1,4 +1,4 @@
-"""What the joint feels: the residual, the device as explicit torque or as brake constraint, SAL off."""
+"""Torque at the joint: the residual, the device as explicit torque or as brake constraint, SAL off."""
 
 import numpy as np
 import pytest

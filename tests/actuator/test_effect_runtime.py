@@ -43,7 +43,7 @@ def effect(name: str) -> Effect:
 
 
 def massless(name: str) -> Effect:
-    """The same for :func:`replayed`, whose accelerations are made for its way: what takes one is tested by itself."""
+    """Parameters for :func:`replayed`, whose accelerations are made for its way: what takes one is tested by itself."""
     return make_effect(name, {**STRENGTHS[name], **MASSLESS.get(name, {})})
 
 
@@ -324,7 +324,7 @@ def test_wear_counts_from_the_begin_of_the_session() -> None:
 
 @pytest.mark.parametrize("coupling", list(Coupling))
 def test_passivity_survives_all_effects(coupling: Coupling) -> None:
-    """Bounds stay at or above 0, and an explicit sliding device never pushes, whatever the effects' signs."""
+    """Bounds stay at or above 0, and an explicit sliding device never pushes, for any signs of the effects."""
     negative = (
         make_effect("coulomb_friction", {"torque": -3.0, "speed": 0.05}),
         make_effect("friction_asymmetry", {"coulomb": -2.0, "viscous": -0.5, "speed": 0.05}),

@@ -53,7 +53,7 @@ def test_it_gives_the_torque_of_the_replay() -> None:
 
 
 def test_numpy_torch_and_warp_give_the_same_bits() -> None:
-    """What goes in comes out, shape (N,) and (N, joints); a joint of a batch is the joint alone."""
+    """Shapes in and out agree, shape (N,) and (N, joints); a joint of a batch is the joint alone."""
     q, qd, current = motion(30, (3, 4))
     model = brake(K1=7.0)
     batches = {kind: JointBatch(model, 3, joints=4, dt=DT) for kind in ("numpy", "torch", "warp")}

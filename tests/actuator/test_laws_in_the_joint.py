@@ -221,7 +221,7 @@ ROUNDING = 2e-6
 @pytest.mark.parametrize("coupling", list(Coupling))
 @pytest.mark.parametrize("law", HYSTERESIS_LAWS)
 def test_no_step_bears_more_than_the_law_slides_with(law: str, coupling: Coupling) -> None:
-    """To and fro at constant speed: whatever the step, its torque and its bound stay below that of steady sliding.
+    """To and fro at constant speed: for any step, its torque and its bound stay below that of steady sliding.
 
     The default step; the paper's Euler step bears up to max(beta, beta + gamma)*|qd|*dt times as much. Along sines the
     same at each instant, for laws that follow a change of speed at once: all but Spencer's, whose spring remembers.

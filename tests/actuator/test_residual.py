@@ -1,4 +1,4 @@
-"""LearnedTorque: the torch module's function in the loop, for open windows only, whatever else is open."""
+"""LearnedTorque: the torch module's function in the loop, for open windows only, regardless of the others."""
 
 # Newton's arrays are Optional and its custom attributes dynamic; pyright cannot follow either
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
@@ -216,7 +216,7 @@ def test_learned_torque_is_bit_equal_for_any_threads_when_calls_follow_each_othe
 def test_carried_states_are_bit_equal_for_any_threads_and_gates(
     gpu_layout: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """36 joints, three parts of the work: every joint's torque is that of a joint alone, whatever gates were open."""
+    """36 joints, three parts of the work: every joint's torque is that of a joint alone, for any open gates."""
     monkeypatch.setattr(launch, "GPU_LAYOUT", gpu_layout)
     monkeypatch.setattr(mrwarp.actuator.residual, "_WORTH_WAKING", 1)
     model, rng = make_model("pg_rlstm", seed=22), np.random.default_rng(23)
@@ -366,7 +366,7 @@ def test_an_actuator_in_a_gpus_threads_gives_the_bits_of_one_thread(
 @pytest.mark.parametrize("coupling", list(Coupling))
 @pytest.mark.parametrize("kind", [*KINDS, None])
 def test_an_actuator_on_a_gpu_is_that_of_a_cpu(kind: str | None, coupling: Coupling) -> None:
-    """Torques, bounds, state and ledger of a real GPU after 90 steps with a reset midway: float32 rounding apart."""
+    """Torques, bounds, state and ledger of a real GPU after 90 steps with a reset midway: up to float32 rounding."""
     motion, found = make_motion(5, 90, seed=31), []
     for device in ("cpu", "cuda:0"):
         loop = Loop(5, LearnedTorque(make_model(kind), dt=DT) if kind else None, coupling, device)
@@ -418,7 +418,7 @@ def test_learned_torque_refuses_another_rate() -> None:
 
 
 def test_bouc_wen_of_the_model_replaces_the_joints() -> None:
-    """The joint takes the coefficients the model was trained beside, and keeps its own neutral angle."""
+    """The joint takes the coefficients the model was trained with, and keeps its own neutral angle."""
     model = replace(make_model("pg_rlstm"), device=PAPER)
     model.bouc_wen["K1"] = 8.0
     mr = with_bouc_wen(MrParams(), model)
@@ -434,7 +434,7 @@ def test_a_network_is_refused_for_another_device() -> None:
         with_bouc_wen(MrParams().replace(K1=985.0, beta=300.0), model)
     moved = MrParams().replace(q_offset=0.3, q_center=0.1, T_max=4.0, coil_resistance=30.0, kd=1.0)
     assert with_bouc_wen(moved, model).hold.T_max == 4.0
-    own = replace(model, device={**PAPER, "K1": 985.0})  # whatever fit of the device it was trained beside
+    own = replace(model, device={**PAPER, "K1": 985.0})  # any fit of the device with which it was trained
     assert with_bouc_wen(MrParams().replace(K1=985.0), own).bouc_wen.K1 == model.bouc_wen["K1"]
     with pytest.raises(OtherDeviceError, match=r"K1 985 instead of 10\.41"):
         with_bouc_wen(MrParams(), own)
@@ -453,11 +453,11 @@ def test_a_drive_refuses_the_network_of_another_device() -> None:
         actuator.drive.use_learned(make_model("mlp"), dt=DT)
 
 
-def test_a_residual_on_a_law_runs_beside_that_law_only() -> None:
-    """The joint must have the law with the same numbers; plain residuals run beside effects, but beside no law."""
+def test_a_residual_on_a_law_runs_with_that_law_only() -> None:
+    """The joint must have the law with the same numbers; plain residuals run with effects, but with no law."""
     numbers = {"slope": 3.0, "width": 0.4}
     law, plain = (make_effect("kwok", numbers),), make_model("pg_rlstm")
-    model = replace(plain, beside={"kwok": numbers})
+    model = replace(plain, trained_with={"kwok": numbers})
     assert with_bouc_wen(MrParams(), model, law).bouc_wen == with_bouc_wen(MrParams(), plain).bouc_wen
     other = (make_effect("kwok", {**numbers, "slope": 2.0}),)
     for trained, joint, said in (

@@ -94,7 +94,7 @@ def test_a_gru_is_carried_from_sample_to_sample() -> None:
         for k in range(len(x)):
             torque, state = net.step(torch.from_numpy(x[k].reshape(-1, 3)), state)
             want = bouc_wen["tau_dyn"][k] + np.where(got["m_dyn"][k] > 0, torque.numpy().reshape(2, MR), 0.0)
-            # the state at rest is interpolated between points 1.5 mrad apart
+            # the state at rest is interpolated between points every 1.5 mrad
             np.testing.assert_allclose(got["tau_dyn"][k], want, rtol=0.0, atol=5 * ROUNDING)
     assert np.abs(got["tau_dyn"] - bouc_wen["tau_dyn"]).max() > 0.05
 
@@ -163,7 +163,7 @@ def test_a_walk_with_a_module_runs_between_captured_graphs() -> None:
 @pytest.mark.gpu
 @pytest.mark.parametrize("net", [Gru(), Window()], ids=["carried", "window"])
 def test_torch_on_a_gpu_is_torch_on_a_cpu(net: nn.Module) -> None:
-    """The captured CUDA graph, with a reset midway: float32 rounding apart from the CPU."""
+    """The captured CUDA graph, with a reset midway: equal to the CPU up to float32 rounding."""
     motion, found = make_motion(5, 90, seed=45), []
     for device in ("cpu", "cuda:0"):
         loop = Loop(5, LearnedTorque(net, dt=DT), device=device)

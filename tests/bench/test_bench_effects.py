@@ -23,7 +23,7 @@ Q = AMPLITUDE * (1.0 - np.cos(OMEGA * TIME))
 
 
 def drive(q: np.ndarray = Q, current: np.ndarray | float = 1.0, session: float = 0.5, count: int = 2) -> Drive:
-    """The same motion and current for ``count`` trajectories."""
+    """One motion and current repeated for ``count`` trajectories."""
     command = np.broadcast_to(np.asarray(current, dtype=float), len(q) // SUBSTEPS)
     return Drive(
         q=np.repeat(q[:, None], count, 1),
@@ -107,7 +107,7 @@ def test_hysteresis_depends_on_the_path_only():
 
 
 def test_monotonic_loading_has_the_closed_form():
-    """From rest z = (1 - exp(-(beta + gamma)*s))/(beta + gamma), exactly, whatever the step."""
+    """From rest z = (1 - exp(-(beta + gamma)*s))/(beta + gamma), exactly, for any step."""
     only_z = P.replace(alpha=0.0, B=0.0, C=0.0, D=0.0, I1=0.0)
     ramp = 2.0 * TIME
     z = run(params=only_z, q=ramp).torque[:, 0] / (BW.K0 + BW.K1)

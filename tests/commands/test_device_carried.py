@@ -68,11 +68,13 @@ def from_file(model: Model, folder: Path) -> dict[str, float]:
 
 
 def from_diagnosis(model: Model, folder: Path) -> dict[str, float]:
-    """Station: ``diagnose --model``, which fits eqs. 14 and 15 anew and keeps the rest."""
+    """Station: ``diagnose --model``, which fits eqs. 14 and 15 again and keeps the rest."""
     fitted = {name: model.parameters[name] for name in (*LINEAR, *SHAPE, "q_offset", "q_center")}
-    anew = replace(model, parameters=fitted, effects=EFFECTS, fitted_on=replace(model.fitted_on, current=(0.3, 1.0)))
-    assert completed(anew, model) == model
-    return completed(anew, model).to_params().to_dict()
+    refitted = replace(
+        model, parameters=fitted, effects=EFFECTS, fitted_on=replace(model.fitted_on, current=(0.3, 1.0))
+    )
+    assert completed(refitted, model) == model
+    return completed(refitted, model).to_params().to_dict()
 
 
 def from_export(model: Model, folder: Path) -> dict[str, float]:
@@ -84,7 +86,7 @@ def from_export(model: Model, folder: Path) -> dict[str, float]:
 
 
 def from_asset(model: Model, folder: Path) -> dict[str, float]:
-    """Station: the robot of an applied file, all four legs alike."""
+    """Station: the robot of an applied file, all four legs."""
     legs = [a for a in load_robot(applied(model, folder)).actuators if a.mr]
     assert all(leg.mr == legs[0].mr and leg.effects == model.effects for leg in legs)
     assert legs[0].measured_current == (0.0, 1.2) and legs[0].holding_measured and not legs[0].is_paper_device
@@ -114,7 +116,7 @@ def from_drive(model: Model, folder: Path) -> dict[str, float]:
 
 
 def from_learning(model: Model, folder: Path) -> dict[str, float]:
-    """Station: ``learn``, whose networks are beside eqs. 14 and 15."""
+    """Station: ``learn``, whose networks work with eqs. 14 and 15."""
     return bench_parameters(load_model(saved(model, folder)).values)
 
 
@@ -193,7 +195,7 @@ def test_a_device_takes_what_its_bench_gave_it() -> None:
 def test_unmeasured_holding_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """apply warns; the robot's devices know it and say so; the paper's robot and a measured device do not."""
     robot = applied(small(), tmp_path)
-    assert "warning: holding was not measured" in capsys.readouterr().out
+    assert "warning: no break-away test" in capsys.readouterr().out
     asset = load_robot(robot)
     legs = [a for a in asset.actuators if a.mr]
     assert not any(leg.holding_measured or leg.is_paper_device for leg in legs)
@@ -229,8 +231,8 @@ def test_currents_end_where_they_were_measured(tmp_path: Path) -> None:
         assert most == 1.0 or "measured up to 1 A; more is a guess" in lines[0]
 
 
-def test_devices_that_are_alike_are_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``asset apply`` prints a number once for the class and its four legs; the leg with numbers of its own apart."""
+def test_devices_that_are_identical_are_reported_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``asset apply`` prints a number once for the class and its four legs; a leg of its own numbers separately."""
     robot = applied(small(), tmp_path)
     out = capsys.readouterr().out
     assert out.count("newton:mr:K1:") == 1 and out.count("the same on /mr_go/actuators/FL_calf, ") == 1

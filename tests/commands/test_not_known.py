@@ -78,7 +78,7 @@ def test_a_robot_carries_it(tmp_path: Path) -> None:
 
 
 def test_a_robot_of_an_earlier_version_has_no_paper_coil(tmp_path: Path) -> None:
-    """Its attribute says 4 Ohm beside a model that states none: nobody measured that; a number set by hand counts."""
+    """Its attribute says 4 Ohm next to a model that states none: nobody measured that; a number set by hand counts."""
     robot = Path(shutil.copy(ASSETS / "mr_go.usda", tmp_path / "robot.usda"))
     assert main(["asset", "apply", str(robot), str(save_model(brake(), tmp_path / "model.json"))]) == 0
     stage = Usd.Stage.Open(str(robot))

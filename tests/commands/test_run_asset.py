@@ -22,7 +22,7 @@ from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS
 from mrwarp.usd.robot import CALVES, STAND_HEIGHT
 from mrwarp.usd.scene_report import check_asset
-from tests.messages import tells
+from tests.messages import has_parts
 
 SHIPPED = ASSETS / "mr_go.usda"
 VARIANTS = list(itertools.product(("mr_go", "go1"), (0, 3)))
@@ -95,7 +95,7 @@ def test_set_one_leg(robot, capsys):
 def test_set_negative_number(robot, capsys):
     """A negative number in any notation is a value, not an option."""
     assert main(["asset", "set", str(robot), "FL_calf", "K1", "-1e-3"]) == 2
-    assert tells(capsys.readouterr().err, "K1 = -0.001 .. 0 to 1e+15 N·m/(rad·A)")
+    assert has_parts(capsys.readouterr().err, "K1 = -0.001 .. 0 to 1e+15 N·m/(rad·A)")
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_check_every_variant(robot, capsys):
     ],
 )  # fmt: skip
 def test_check_refuses(robot, capsys, old, new, expected):
-    """What is wrong in any variant is one line with the place; exit code 2."""
+    """A fault in any variant is one line with the place; exit code 2."""
     replaced(robot, old, new)
     assert main(["asset", "check", str(robot)]) == 2
     said = capsys.readouterr().err
@@ -245,7 +245,7 @@ def test_a_robot_with_longer_links_starts_on_the_ground(robot):
         ("upperLimit = -50.87865221", "upperLimit = -90", 1, "stance of FL_calf, -85.94 deg .. widen"),
         (LINK, "(0, 0, -0.05)", -1, "trunk is 0.096 m high .. more than 0.16 m .. correct the links"),
         (f"localPos0 = {LINK}", "localPos0 = (0, 0, -0.15)", 1, "feet are not level: FL -0.2"),
-        ("localPos0 = (-0.1881,", "localPos0 = (0.15,", -1, "feet span .. centre of mass is beside them"),
+        ("localPos0 = (-0.1881,", "localPos0 = (0.15,", -1, "feet span .. centre of mass is outside them"),
     ],
 )
 def test_a_robot_that_cannot_stand_is_refused(robot, capsys, old, new, count, words):
@@ -255,4 +255,4 @@ def test_a_robot_that_cannot_stand_is_refused(robot, capsys, old, new, count, wo
     robot.write_text(text.replace(old, new, count), encoding="utf-8")
     assert main(["asset", "check", str(robot)]) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"mrwarp asset check: {robot}: ") and tells(said, words)
+    assert said.startswith(f"mrwarp asset check: {robot}: ") and has_parts(said, words)

@@ -143,7 +143,7 @@ def test_recordings_that_took_no_part(data: Path, tmp_path: Path, computed, caps
     """``--predict`` gives both models' errors there; other units are refused."""
 
     class Perfect:
-        """Foretells the cosine that the recording holds, the baseline half of it."""
+        """Predicts the cosine that the recording holds, the baseline half of it."""
 
         def torque(self, recording):
             torque = np.concatenate([run.torque for run in recording.trajectories])

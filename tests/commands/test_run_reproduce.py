@@ -108,7 +108,7 @@ def test_stopped_run_leaves_a_report(
 
 
 def test_what_is_not_made_is_no_success(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A missing input is told, and the exit code says that something was not made."""
+    """A missing input is reported, and the exit code says that something was not made."""
 
     def wait(job: object) -> Findings:
         """Waits."""

@@ -1,4 +1,4 @@
-"""What ``mrwarp walk`` and ``mrwarp mission`` share: which policy drives which robot."""
+"""Shared by ``mrwarp walk`` and ``mrwarp mission``: which policy drives which robot."""
 
 import pytest
 import torch

@@ -47,7 +47,7 @@ def test_nothing_chosen_is_the_exact_step() -> None:
 
 
 def test_the_paper_is_reproduced_with_its_own_step() -> None:
-    """Studies and the report, whatever the plant; and the shipped residual network, which corrects that step."""
+    """Studies and the report, for any plant; and the shipped residual network, which corrects that step."""
     for plant in (*PLANTS, PUBLIC, *PAYING):
         assert plant_cfg(plant).actuator.z_step is ZStep.EULER, plant
     reading = push_rule.LITERAL

@@ -25,7 +25,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = dict(all_commands())
 
 LANGUAGES = {"bash", "python", "text", "json", "usda", "csv"}
-"""What a block may be; commands and what they print stand in two blocks, bash and text."""
+"""Kinds of blocks; commands and their output stand in two blocks, bash and text."""
 
 NOT_RUN = {
     "make test": "runs these very tests",
@@ -96,7 +96,7 @@ MISSES = {"train", "study table2", "study quality", "asset diff"}
 SCRIPTS = {"train/ppo.py": "train", "train/play.py": "play"}
 
 MAKE_RUN = re.search(r"^run:.*\n\t(.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
-"""What ``make run`` does."""
+"""The command of ``make run``."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def command_of(argv: list[str]) -> str:
 
 
 def shortened(argv: list[str]) -> list[str]:
-    """The same at the sizes of :data:`SHORT`."""
+    """The commands at the sizes of :data:`SHORT`."""
     argv = list(argv)
     for option, value in SHORT.get(command_of(argv), {}).items():
         if option in argv:

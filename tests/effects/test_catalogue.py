@@ -190,7 +190,7 @@ print("hum acts")
 def test_effect_is_added_by_one_file_and_one_line(tmp_path: Path) -> None:
     """A made-up law in a file of its own, named in the catalogue, acts in the kernels, is searched and can be stored.
 
-    Then its sign is edited: the kernels are compiled anew. In processes of their own, for the path is composed when it
+    Then its sign is edited: the kernels are compiled again. In processes of their own, for the path is composed when it
     is loaded.
     """
     for sign in ("+", "-"):

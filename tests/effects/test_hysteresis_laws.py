@@ -115,7 +115,7 @@ def test_an_absent_law_leaves_eq_15_bit_for_bit() -> None:
 
 
 BEHIND = [{"half_gap": 0.01}, {"half_gap": 0.03}, {"compliance": 0.02}, {"half_gap": 0.01, "compliance": 0.02}]
-"""What stands before the shaft."""
+"""Elements before the shaft."""
 
 
 def guo_behind(shaft: along.Shaft, **before: float) -> np.ndarray:

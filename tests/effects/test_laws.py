@@ -33,7 +33,7 @@ def field_of(command: np.ndarray, effects: Effects, dt: float = DT) -> np.ndarra
 
 
 def added(shaft: Any, effects: Effects, base: dict | None = None) -> np.ndarray:
-    """What effects add to the torque of the paper's joint."""
+    """Torque that effects add to that of the paper's joint."""
     base = TRUTH if base is None else base
     return torque(shaft, base, effects) - torque(shaft, base)
 

@@ -1,4 +1,4 @@
-"""Laws beside finer mechanical simulations: masses, springs, stops and rubbing contacts at steps of 10 µs."""
+"""Laws compared with finer mechanical simulations: masses, springs, stops and rubbing contacts at steps of 10 µs."""
 
 from collections.abc import Callable
 
@@ -135,9 +135,9 @@ def test_series_compliance_with_different_sides() -> None:
     want = behind_two_springs(shaft, base, push, pull)
     numbers = {"compliance": 0.5 * (push + pull), "difference": (push - pull) / (push + pull)}
     found = torque(shaft, base, {"series_compliance": numbers})
-    alike = torque(shaft, base, {"series_compliance": {**numbers, "difference": 0.0}})
+    equal = torque(shaft, base, {"series_compliance": {**numbers, "difference": 0.0}})
     late = slice(100, None)  # the device begins without stress, the swing at full speed
-    error, without = (np.sqrt(np.mean((x - want)[late] ** 2)) / np.std(want) for x in (found, alike))
+    error, without = (np.sqrt(np.mean((x - want)[late] ** 2)) / np.std(want) for x in (found, equal))
     assert error < 0.02 < 0.06 < without
 
 
@@ -148,8 +148,8 @@ def behind_play_and_spring(shaft: Shaft, base: dict[str, float], gap: float, com
     driven, speeds = (np.interp(fine, shaft.time, x).tolist() for x in (shaft.q, shaft.qd))
     y, v, z, borne = driven[0] - gap * np.sign(speeds[0]), 0.0, 0.0, []  # the play is closed by the motion
     for x, speed in zip(driven, speeds, strict=True):
-        apart = x - y
-        pushes = k * (apart - min(max(apart, -gap), gap))
+        stretch = x - y
+        pushes = k * (stretch - min(max(stretch, -gap), gap))
         rubs = 2.0 * np.sqrt(mass * k) * (speed - v) if pushes else 0.0
         weakened = base["K0"] / (1.0 + base["alpha"] * abs(speed))
         v = (v + STEP / mass * (pushes + rubs - weakened * z)) / (1.0 + STEP / mass * base["B"])

@@ -43,7 +43,7 @@ def test_way_between_samples_is_of_second_order() -> None:
 
 @pytest.mark.parametrize("name", list(CATALOGUE))
 def test_effect_at_null_leaves_every_bit(name: str) -> None:
-    """With what makes an effect at null, whatever its other numbers, the torque is that without it, bit for bit."""
+    """With what makes an effect at null, for any other numbers, the torque is that without it, bit for bit."""
     shaft = Shaft.swinging()
     shaping = {"speed", "stribeck_speed", "periods", "time_constant"} if name in (
         "coulomb_friction", "friction_asymmetry", "stribeck", "cogging", "temperature_drift"

@@ -258,7 +258,7 @@ def test_a_commanded_device_gets_its_current_while_a_gate_is_open():
 
 
 def test_a_negative_command_demagnetises_with_the_gates_closed():
-    """It flows whatever the gates would do, and neither damps nor holds; other devices are as they were."""
+    """It flows regardless of the gates, and neither damps nor holds; other devices are as they were."""
     x = random_inputs(np.random.default_rng(14), 400)
     command = np.full((400, 2), 1.0)
     before = step(x, hold=FIXED, command=command, held=np.zeros((400, 2)))

@@ -8,7 +8,7 @@ from mrwarp.energy import consistency
 
 @pytest.mark.parametrize("speed", [0.2, 0.3, 0.5])
 def test_each_reconciliation_makes_the_ratios_equal(speed: float) -> None:
-    """Walking slower, a load beside the meter, a gauge's exponent: the energy ratio becomes the depletion ratio."""
+    """Walking slower, a load past the meter, a gauge's exponent: the energy ratio becomes the depletion ratio."""
     ratio = paper.MISSION_DEPLETION["mr_go_sal"][0] / paper.MISSION_DEPLETION["mr_go"][0]
     before = consistency.mission_energy("mr_go", speed)
     after = consistency.mission_energy("mr_go_sal", speed)

@@ -1,4 +1,4 @@
-"""Calibration: finds injected numbers, states an honest interval, refuses rows that cannot tell."""
+"""Calibration: finds injected numbers, states an honest interval, refuses rows that cannot decide."""
 
 from dataclasses import replace
 
@@ -79,7 +79,7 @@ def test_a_held_number_stays_and_the_other_makes_the_best_of_it() -> None:
 
 
 def test_friction_is_found_in_the_rows_that_hide_it() -> None:
-    """Held at none, the rows' friction is taken for copper and electronics; fitted, it is told, and how well."""
+    """Held at none, the rows' friction counts as copper and electronics; fitted, it is reported with its interval."""
     made = rows(noise=0.5)
     without = calibrate(made, ElectricalCfg(drive_friction=0.0), hold=("drive_friction",))
     found = calibrate(made)
@@ -98,12 +98,12 @@ def test_rows_that_cannot_tell_are_refused() -> None:
     with pytest.raises(ValueError, match="at least 4"):
         calibrate(rows(count=3))
     same = rows()[0]
-    with pytest.raises(ValueError, match="cannot tell electronics and winding_resistance and drive_friction apart"):
+    with pytest.raises(ValueError, match="cannot separate electronics and winding_resistance and drive_friction"):
         calibrate([same, same, same, same])
 
 
-def test_sensitivity_calibrates_anew_and_covers_all_assumed_numbers() -> None:
-    """Each assumed number at both ends; a calibrated row stays close whatever was assumed."""
+def test_sensitivity_calibrates_again_and_covers_all_assumed_numbers() -> None:
+    """Each assumed number at both ends; a calibrated row stays close for any assumption."""
     made = rows()
     nominal = calibrate(made, TRUTH).cfg
 

@@ -20,7 +20,7 @@ from mrwarp.usd.robot import CALF_COLUMNS, CALVES, JOINTS
 def a_use(
     *, square: float = 0.0, speed: float = 0.0, out: float = 0.0, back: float = 0.0, coil: float = 0.0, devices: int = 4
 ) -> JointLoad:
-    """The same for every joint and device."""
+    """One value for every joint and device."""
     return JointLoad(
         torque_square=np.full(12, square), speed=np.full(12, speed), work_out=np.full(12, out),
         work_in=np.full(12, back), coil=np.full(devices, coil), friction=np.zeros(devices),
@@ -53,8 +53,8 @@ def test_warm_windings_lose_more() -> None:
     assert warm.total - cold.total == pytest.approx(0.393 * cold.copper)
 
 
-def test_drive_friction_is_lost_by_turning_whatever_is_carried() -> None:
-    """12 joints at 2 rad/s and 0.5 N·m: 12 W, with torque or without, and its heat is the motors' beside copper's."""
+def test_drive_friction_is_lost_by_turning_with_any_load() -> None:
+    """12 joints at 2 rad/s and 0.5 N·m: 12 W, with torque or without; its heat adds to the motors' copper loss."""
     cfg = ElectricalCfg(electronics=0.0, controller_idle=0.0, drive_friction=0.5)
     for square in (0.0, 9.0):
         power = battery_power(a_use(square=square, speed=2.0), cfg)

@@ -1,4 +1,4 @@
-"""What tests of the walking environment share: its configuration, random actions, and sameness to the bit."""
+"""Shared by tests of the walking environment: its configuration, random actions, and sameness to the bit."""
 
 from dataclasses import replace
 from typing import Any

@@ -46,7 +46,7 @@ def walk(env: WalkEnv, steps: int) -> tuple[torch.Tensor, dict[str, int]]:
 
 
 def assert_same(first: WalkEnv, second: WalkEnv, steps: int) -> None:
-    """Two environments walk alike to the bit, with falls and time-outs, and end in the same state."""
+    """Two environments walk identically to the bit, with falls and time-outs, and end in the same state."""
     (ours, ends), (theirs, _) = walk(first, steps), walk(second, steps)
     assert ends["falls"] > 0 and ends["time_outs"] > 0
     assert torch.equal(ours, theirs)
@@ -117,7 +117,7 @@ def read_back(*_: Any, **__: Any) -> None:
 
 
 def test_a_step_on_mujoco_warp_is_one_graph_and_reads_nothing_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither while it is captured nor later does the host look at a number, whatever ends in the step."""
+    """Neither while it is captured nor later does the host look at a number, for any end of an episode in the step."""
     env, done = WalkEnv(make_cfg(MJWARP)), []
     with monkeypatch.context() as patched:
         for owner, name in ((wp.array, "numpy"), (torch.Tensor, "__bool__"), (torch.Tensor, "item")):

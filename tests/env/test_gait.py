@@ -105,7 +105,7 @@ def clock() -> torch.Tensor:
 
 
 def test_leg_phase_is_a_diagonal_trot(clock: torch.Tensor) -> None:
-    """FL goes with RR, FR with RL, and the pairs are half a cycle apart."""
+    """FL goes with RR, FR with RL, and the pairs are half a cycle shifted."""
     legs, _ = leg_phases(clock)
     assert legs.shape == (400, 4) and float(legs.min()) >= 0.0 and float(legs.max()) < 1.0
     fl, fr, rl, rr = (legs[:, LEGS.index(leg)] for leg in ("FL", "FR", "RL", "RR"))

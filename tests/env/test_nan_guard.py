@@ -77,7 +77,7 @@ INJECTED: dict[str, Inject] = {
     "foot force of": foot,
     "torque of": gain,
 }
-"""What is broken, and how the guard names it (the order of the robot's legs is the asset's own)."""
+"""The broken number, and its name by the guard (the order of the robot's legs is the asset's own)."""
 
 
 @pytest.fixture(scope="module")
@@ -196,12 +196,12 @@ def test_the_last_hundred_states_are_kept_until_they_are_read() -> None:
     env = make_env()
     for step in range(40):
         env.step(0.1 * action(step))
-    spoil = INJECTED["velocity of RL_thigh"]
-    spoil(env, action(), NAN)
+    corrupt = INJECTED["velocity of RL_thigh"]
+    corrupt(env, action(), NAN)
     env.step(action())
     for step in range(30):
         env.step(action(step))
-    spoil(env, action(), NAN)
+    corrupt(env, action(), NAN)
     env.step(action())
     assert env.nan_guard.divergences.tolist() == [0, 2, 0, 0]
     (found,) = env.nan_guard.take()
@@ -210,7 +210,7 @@ def test_the_last_hundred_states_are_kept_until_they_are_read() -> None:
     assert np.isfinite(found.states[:-1]).all() and np.isnan(found.value)
     # read out: the next break is a new one, with a history of its own
     env.step(action())
-    spoil(env, action(), NAN)
+    corrupt(env, action(), NAN)
     env.step(action())
     (second,) = env.nan_guard.take()
     assert len(second.states) == 5

@@ -1,4 +1,4 @@
-"""What the policy sees: layout, derived quantities, only real sensors for the actor, and bounded noise."""
+"""The policy's observations: layout, derived quantities, only real sensors for the actor, and bounded noise."""
 
 from collections.abc import Callable
 from dataclasses import replace

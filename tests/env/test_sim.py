@@ -168,7 +168,7 @@ def test_sim_mass_change_keeps_the_brake(scene, kind):
 
 @pytest.mark.gpu
 def test_a_gpu_steps_as_mujoco_warp_on_a_cpu(scene):
-    """16 robots dropped from 5 cm on their brakes, 0.5 s: the same engine and precision, rounding apart.
+    """16 robots dropped from 5 cm on their brakes, 0.5 s: the same engine and precision, up to rounding.
 
     Contacts amplify roundings, so the tolerance is 2 mm and 5 mrad.
     """

@@ -17,7 +17,7 @@ FLAT = {
     "sim/xfrc_applied", "sim/q", "sim/qd", "sim/friction", "sim/f_foot", "sim/root_pos", "sim/root_quat",
     "sim/root_vel", "sim/root_ang", "sim/residual", "sim/unsolved",
 }  # fmt: skip
-"""Names in checkpoints of format 1, besides those of the actuator."""
+"""Names in checkpoints of format 1, without those of the actuator."""
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_a_reset_clears_what_is_marked_in_masked_environments_alone(env: WalkEnv
 
 
 def test_a_copy_leaves_each_robot_its_own(env: WalkEnv) -> None:
-    """What is marked as a robot's own stays; all else of its state follows the source."""
+    """Arrays marked as a robot's own stay; all else of its state follows the source."""
     state = env.arrays
     for name, spec in SPECS.items():
         if spec.saved and spec.owner == "task" and spec.shape[0] == "E":

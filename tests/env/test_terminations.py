@@ -112,7 +112,7 @@ def test_a_wrong_number_is_a_fall_without_reward() -> None:
 
 
 def test_a_robot_that_is_thrown_does_not_shake_the_learner() -> None:
-    """What a solver's accident costs is bounded; what falls and noise cost reaches the learner as it is."""
+    """The cost of a solver's accident is bounded; costs of falls and noise reach the learner unchanged."""
     least = terminations.LEAST_REWARD
     state = make_state()
     state.total = torch.tensor([0.06, 0.9 * least, 1e4 * least, -INF])

@@ -136,7 +136,7 @@ def test_curriculum_counts_the_path_of_every_step(terrain: Terrain) -> None:
 
 
 def test_curriculum_sends_those_that_passed_the_last_level_to_any() -> None:
-    """Levels of 600 robots that pass the last one are drawn from all of them alike, and none is beyond."""
+    """Levels of 600 robots that pass the last one are drawn from all of them equally, and none is beyond."""
     terrain, s = Terrain(TerrainCfg(), 600, seed=0), walkers(600)
     s.level.fill_(terrain.cfg.levels - 1)
     s.commanded.fill_(1.0)
@@ -164,7 +164,7 @@ def test_play_task_spreads_over_all_levels_and_kinds_and_stays_there() -> None:
 def test_robots_stand_on_every_tile() -> None:
     """After 0.6 s at zero action: no fall, feet that carry load within 12 mm of the ground, trunks about 0.3 m over it.
 
-    12 mm: a sphere of 23 mm rests beside, not on, the point right below its centre where the ground is steep.
+    12 mm: a sphere of 23 mm rests next to, not on, the point right below its centre where the ground is steep.
     """
     env = WalkEnv(make_play_cfg(rough_cfg(36)))
     assert env.terrain is not None

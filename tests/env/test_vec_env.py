@@ -18,7 +18,7 @@ NEUTRAL = torch.tensor(DEFAULT_Q)
 
 
 def test_contract_of_shapes_types_and_devices() -> None:
-    """What rsl-rl reads: attributes, groups with the batch size, float rewards, bool dones, time-outs in extras."""
+    """Inputs of rsl-rl: attributes, groups with the batch size, float rewards, bool dones, time-outs in extras."""
     env = WalkEnv(make_cfg(8))
     assert isinstance(env, VecEnv)
     assert (env.num_envs, env.num_actions, env.max_episode_length) == (8, 12, 1000)
@@ -193,7 +193,7 @@ def test_a_new_episode_starts_near_the_neutral_stance() -> None:
 
 
 def test_observations_of_a_done_step_belong_to_the_new_episode() -> None:
-    """What step returns with done is the first observation of the next episode (reset, then observe)."""
+    """The observation returned with done is the first observation of the next episode (reset, then observe)."""
     env = WalkEnv(make_cfg(4, episode_seconds=0.1, noise=None))
     for action in random_actions(5, 4, scale=1.0):
         obs, _, done, _ = env.step(action)

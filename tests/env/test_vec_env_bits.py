@@ -46,7 +46,7 @@ def test_masked_reset_leaves_other_environments_bit_equal() -> None:
 
 @pytest.mark.parametrize("changes", TASKS.values(), ids=TASKS.keys())
 def test_a_gpus_threads_give_the_bits_of_one_thread(changes: dict, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The task in a thread per environment or joint, here on the CPU, and in one thread for all: every bit alike.
+    """The task in a thread per environment or joint, here on the CPU, and in one thread for all: every bit identical.
 
     With noise, randomisation, pushes, falls and new episodes.
     """
@@ -77,7 +77,7 @@ def test_masked_reset_leaves_the_brake_torque_of_others() -> None:
 
 
 def test_a_step_with_resets_leaves_other_environments_bit_equal() -> None:
-    """The same through step itself, without draws: two robots fall over, six go on as if nothing had happened."""
+    """Bits through step itself, without draws: two robots fall over, six go on as if nothing had happened."""
     changes = {"noise": None, "randomize": None}
     changes["commands"] = replace(make_cfg().commands, period=float("inf"))
     env, twin = WalkEnv(make_cfg(8, seed=6, **changes)), WalkEnv(make_cfg(8, seed=6, **changes))
@@ -92,7 +92,7 @@ def test_a_step_with_resets_leaves_other_environments_bit_equal() -> None:
 
 @pytest.mark.gpu
 def test_state_goes_on_on_a_gpu() -> None:
-    """Another object on the GPU that loads the state holds the same bits, and goes on alike for five steps.
+    """Another object on the GPU that loads the state holds the same bits, and goes on identically for five steps.
 
     Not to the bit: MuJoCo-Warp's constraint rows stand in the order in which threads found them.
     """
@@ -245,7 +245,7 @@ def test_captured_graphs_give_the_bits_of_eager_launches() -> None:
 
 @pytest.mark.gpu
 def test_a_captured_control_step_on_a_gpu_is_that_of_eager_launches() -> None:
-    """One graph of physics, laws, rewards, resets and draws: rounding apart in five steps, with resets in them."""
+    """One graph of physics, laws, rewards, resets and draws: equal up to rounding in five steps with resets."""
     found = []
     for wanted in (True, False):
         cfg = make_cfg(64, seed=3)

@@ -200,7 +200,7 @@ def test_command_writes_model_figures_and_pictures(tmp_path: Path, capsys: pytes
     params = load_model(tmp_path / "out/model.json").to_params()
     assert params.bouc_wen.beta == result["parameters"]["beta"]["value"]
     said = capsys.readouterr().out
-    assert "K1 [N·m/(rad·A)]" in said and "warning: holding was not measured" in said
+    assert "K1 [N·m/(rad·A)]" in said and "warning: no break-away test" in said
     model = load_model(tmp_path / "out/model.json")
     assert not model.holding_measured and model.fitted_on.current == (0.0, 1.5)
     stated = model.parameters["coil_resistance"]

@@ -12,7 +12,7 @@ from mrwarp.identify.law_fit import fit_law, model_torque
 from mrwarp.model_file import ModelFileError, load_model, model_from_dict, model_to_dict, save_model
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.recording.write import save_recording
-from tests.messages import tells
+from tests.messages import has_parts
 
 TRUTH = {"slope": 60.0, "width": 0.3, "D": 20.0, "B": 300.0, "C": 900.0, "K0": 70.0, "K1": 180.0, "B1": 150.0}
 UNITS = {"q": "m", "current": "V", "torque": "N"}
@@ -55,7 +55,7 @@ def test_a_foreign_device_comes_back(zeros: float, tmp_path: Path) -> None:
     assert result.rmse < 5.0
     assert result.held_out is not None and result.held_out < 0.03
     assert bool(result.offsets) is bool(zeros) and (
-        not zeros or tells("\n".join(result.warnings), "zero .. run to run")
+        not zeros or has_parts("\n".join(result.warnings), "zero .. run to run")
     )
     if zeros:
         assert np.ptp(list(result.offsets.values())) == pytest.approx(2.0 * zeros, rel=0.1)

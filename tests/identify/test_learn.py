@@ -67,7 +67,7 @@ def test_a_residual_on_a_law_and_an_effect(tmp_path: Path) -> None:
     runs = tuple(replace(r, torque=x + 0.2) for r, x in zip(silent.trajectories, tau, strict=True))
     recording = replace(silent, trajectories=runs)
     learned = learn.learn(recording, kind="pg_rlstm", physical=model, cfg=QUICK)
-    assert learned.model.beside == {"kwok": law} and learned.figures["validation_rmse"] < 0.05
+    assert learned.model.trained_with == {"kwok": law} and learned.figures["validation_rmse"] < 0.05
     model_file.save(learned.model, tmp_path / "m.safetensors")
     again = model_file.load(tmp_path / "m.safetensors")
     predicted = learn.predict(again, recording, tau)

@@ -24,7 +24,7 @@ CURRENTS = (0.0, 0.5, 1.0, 1.5)
 
 
 def arms(dt: float = 0.005, **cfg) -> tuple[Scene, Simulation, MrJointActuator]:  # noqa: ANN003
-    """Four pendulums that begin level, their motors off unless told otherwise."""
+    """Four pendulums that begin level, their motors off unless an argument says otherwise."""
     motor = {"stiffness": 0.0, "damping": 0.0, "effort_limit": 30.0, **cfg}
     entity = EntityCfg(
         spec_fn=lambda: mujoco.MjSpec.from_string(ARM),

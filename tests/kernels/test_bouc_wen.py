@@ -141,7 +141,7 @@ def test_exact_step_equals_a_fine_reference(beta: float, gamma: float):
 
 
 def test_exact_step_is_rate_independent():
-    """The same path of 0.3 rad out and 0.3 rad back, at 0.05 and at 10 rad/s, ends in the same state."""
+    """A path of 0.3 rad out and 0.3 rad back, at 0.05 and at 10 rad/s, ends in the same state."""
 
     def travel(speed: float) -> list[float]:
         steps = round(0.3 / (speed * DT))

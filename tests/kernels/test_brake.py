@@ -47,7 +47,7 @@ def constraint(qd_next: np.ndarray, bound: np.ndarray, creep: float) -> np.ndarr
 
 
 def test_oppose_velocity_signs():
-    """Whatever the sign of the prediction, the torque opposes the motion; at standstill there is none."""
+    """For any sign of the prediction the torque opposes the motion; at standstill there is none."""
     tau = oppose([2.0, 2.0, -2.0, -2.0, 2.0, -2.0, 2.0], [1.0, -1.0, 1.0, -1.0, 0.0, 0.0, -0.0])
     np.testing.assert_array_equal(tau[0], [-2.0, 2.0, -2.0, 2.0, 0.0, 0.0, 0.0])
 

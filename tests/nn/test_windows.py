@@ -9,7 +9,7 @@ from mrwarp.nn.training import WindowSet, split
 
 
 def make_set(lengths: tuple[int, ...], samples: int) -> WindowSet:
-    """Trajectories whose features tell where they come from: (trajectory, sample, -sample)."""
+    """Trajectories whose features show where they come from: (trajectory, sample, -sample)."""
     features = [
         np.stack([np.full(n, i), np.arange(n), -np.arange(n)], axis=1).astype(float) for i, n in enumerate(lengths)
     ]
@@ -28,7 +28,7 @@ def test_windows_are_all_overlapping_ones_of_each_trajectory() -> None:
 
 
 def test_windows_share_the_samples() -> None:
-    """The set holds every sample once, whatever the window's length."""
+    """The set holds every sample once, for any length of the window."""
     windows = make_set((1000,), 50)
     assert windows.features.shape == (1000, 3)
 

@@ -51,7 +51,7 @@ def test_json_in_the_place_of_a_model(
 def test_the_model_beside_is_proposed_for_a_model_alone(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A result of ``fit`` has a model.json beside it."""
+    """A result of ``fit`` has a model.json next to it."""
     path = put(tmp_path, "result.json")
     (tmp_path / "model.json").write_text("{}", encoding="utf-8")
     assert main(["walk", option, str(path)]) == 2

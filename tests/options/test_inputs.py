@@ -1,4 +1,4 @@
-"""Files that a command reads are looked at before an engine is loaded, whatever the command."""
+"""Files that a command reads are looked at before an engine is loaded, for any command."""
 
 import dataclasses
 import subprocess

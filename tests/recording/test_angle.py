@@ -1,4 +1,4 @@
-"""Angles that wrap and angles that only a speed tells."""
+"""Angles that wrap and angles that only a speed gives."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_only_wraps_are_unwrapped() -> None:
 
 
 def test_a_speed_without_an_angle_is_integrated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Speed alone, in rpm: the angle is its integral from 0, `check` says so, and the file that is written tells it."""
+    """Speed alone, in rpm: the angle is its integral from 0, `check` says so, and the written file records it."""
     data = columns(400)
     q, rng = data.pop("q"), np.random.default_rng(1)
     (tmp_path / "units.json").write_text('{"qd": "rpm"}')

@@ -274,12 +274,12 @@ def test_units_json_is_not_for_break_away_tests(tmp_path: Path, capsys: pytest.C
 def test_break_away_tests_of_another_size_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], holding: str, parts: tuple[str, ...]
 ):
-    """0.0034 N·m of holding beside 2.5 N·m of sliding: file, column, values, units and remedy; in every command."""
+    """0.0034 N·m of holding against 2.5 N·m of sliding: file, column, values, units and remedy; in every command."""
     folder = _brake(tmp_path, "{}", 1.0, holding)
     for command in ("check", "fit", "diagnose"):
         assert cli.main([command, str(folder), *(["--out", str(tmp_path / "out")] if command != "check" else [])]) == 2
         said = capsys.readouterr().err
-        for part in (f"{folder / 'holding.csv'}, column", *parts, "this file is in A and N·m whatever units.json says"):
+        for part in (f"{folder / 'holding.csv'}, column", *parts, "this file is in A and N·m regardless of units.json"):
             assert part in said
     assert not (tmp_path / "out").exists()
     (folder / "units.json").write_text('{"trust_units": true}')

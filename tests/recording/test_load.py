@@ -144,7 +144,7 @@ def test_folder_prefixes_ids_with_the_file(tmp_path: Path):
     ],
 )
 def test_declared_units_are_converted(tmp_path: Path, declared: dict[str, str], factor: dict[str, float]):
-    """What units.json names is converted to rad, A, N·m, s."""
+    """Columns named in units.json are converted to rad, A, N·m, s."""
     data = columns()
     write(tmp_path / "a.csv", {key: values * factor.get(key, 1.0) for key, values in data.items()})
     (tmp_path / "units.json").write_text(json.dumps(declared))

@@ -167,7 +167,7 @@ def test_two_typical_intervals_are_resampled(kinds: tuple[float, float], share: 
 
 
 def test_a_measured_current_is_interpolated() -> None:
-    """What changes with every sample is no command."""
+    """A column that changes with every sample is no command."""
     t = np.cumsum(np.random.default_rng(4).choice([4.2e-3, 10e-3], 400))
     (piece,), _ = even_pieces({"t": t, "q": np.sin(t), "current": np.sin(5.0 * t)})
     assert np.abs(piece.columns["current"] - np.sin(5.0 * piece.columns["t"])).max() < 2e-3

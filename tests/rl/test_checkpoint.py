@@ -21,7 +21,7 @@ class Bomb:
         self.target = target
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What pickle stores: a call."""
+        """A call, as pickle stores it."""
         return os.mkdir, (str(self.target),)
 
 
@@ -51,7 +51,7 @@ def assert_same(found: Any, expected: Any) -> None:
 
 
 def test_round_trip_keeps_every_bit(tmp_path: Path) -> None:
-    """What was saved is what is loaded, with the format's version added; nothing else is left in the folder."""
+    """The saved content is loaded, with the format's version added; nothing else is left in the folder."""
     path = tmp_path / "checkpoint.pt"
     checkpoint.save(path, content())
     assert_same(checkpoint.load(path), {"format": checkpoint.FORMAT, **content()})
@@ -59,7 +59,7 @@ def test_round_trip_keeps_every_bit(tmp_path: Path) -> None:
 
 
 def test_saving_replaces_the_old_file(tmp_path: Path) -> None:
-    """The second save wins, whatever the first one held."""
+    """The second save wins, for any content of the first one."""
     path = tmp_path / "checkpoint.pt"
     checkpoint.save(path, {"value": 1})
     checkpoint.save(path, {"value": 2})
@@ -228,7 +228,7 @@ def test_a_checkpoint_without_the_gpus_state_goes_on_with_a_note(gpu_states: dic
 
 
 def test_random_states_of_a_gpu(tmp_path: Path) -> None:
-    """The same on a real one."""
+    """The check on a real one."""
     if not torch.cuda.is_available():
         pytest.skip("torch finds no CUDA device")
     device = torch.device("cuda:0")

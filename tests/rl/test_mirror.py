@@ -36,7 +36,7 @@ def even_masses(spec: mujoco.MjSpec) -> None:
 
 
 def mirrored_pair(env: WalkEnv, mirror: Mirror) -> None:
-    """Give the second environment the mirror image of the first one's pose, both at rest, half a stride apart."""
+    """Give the second environment the mirror image of the first one's pose, both at rest, half a stride shifted."""
     state = env.state()
     for name, value in state.items():
         if name.startswith("sim/q") or name in ("sim/root_vel", "sim/root_ang", "last_qd"):

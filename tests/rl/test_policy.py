@@ -182,7 +182,7 @@ def test_another_observation_layout_is_refused(exported: Path, tmp_path: Path) -
 
 
 def test_a_long_description_makes_a_short_refusal(exported: Path, tmp_path: Path) -> None:
-    """The refusal stays one readable line, whatever stands in the file."""
+    """The refusal stays one readable line, for any text in the file."""
     description = json.dumps({"observations": {"gy" + 100_000 * "(": 3}})
     path = edited(exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {META: description}))
     message = refusal(path)

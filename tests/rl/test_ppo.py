@@ -30,7 +30,7 @@ A sample at the edge of a clip has its whole gradient or none, by a rounding: wi
 
 
 class Shape:
-    """What a PPO wants to know of an environment."""
+    """Interface of an environment for a PPO."""
 
     num_envs, num_actions = ENVS, ACTIONS
 
@@ -43,7 +43,7 @@ def one_thread() -> Any:
 
 
 def observations(dtype: torch.dtype = torch.float32) -> TensorDict:
-    """What environments might show: of unequal size, and away from zero."""
+    """Observations of environments: of unequal size, and away from zero."""
     shown = {group: (3.0 * torch.randn(ENVS, count) + 1.0).to(dtype) for group, count in COLUMNS.items()}
     return TensorDict(shown, batch_size=[ENVS])
 

@@ -135,7 +135,7 @@ def update(ranks: Ranks, out: Path, ppo: str) -> dict[str, Any]:
 
 
 def alone(parts: list[dict[str, Any]]) -> dict[str, Any]:
-    """The same update in one process with all environments, by rsl-rl's own PPO."""
+    """The update repeated in one process with all environments, by rsl-rl's own PPO."""
 
     def union(name: str, dim: int) -> TensorDict:
         groups = {g: torch.cat([part[name][g] for part in parts], dim).double() for g in ("actor", "critic")}
@@ -305,16 +305,16 @@ def test_two_processes_resume_to_the_bit(tmp_path: Path) -> None:
         Trainer(make_cfg(tmp_path / "part", 3), resume=tmp_path / "part" / "checkpoint.pt")
 
 
-def spoilt(ranks: Ranks, out: Path) -> str:
+def corrupted(ranks: Ranks, out: Path) -> str:
     """A training in which two of rank 1's environments break in the first update; what both ranks say."""
     run = Trainer(make_cfg(out, 2), ranks=ranks)
     if ranks.rank == 1:
 
-        def spoil() -> None:
+        def corrupt() -> None:
             run.watchers.clear()
             run.env.view(run.env.sim.backend.field("qvel"))[[2, 5], 12] = float("nan")
 
-        run.watchers.append(spoil)
+        run.watchers.append(corrupt)
     with pytest.raises(TrainingError) as info:
         run.run()
     return str(info.value)
@@ -322,7 +322,7 @@ def spoilt(ranks: Ranks, out: Path) -> str:
 
 def test_all_stop_where_the_environments_of_one_break(tmp_path: Path) -> None:
     """2 of 16 environments, both on rank 1: both ranks stop in the same update and name the same cause."""
-    first, second = together(spoilt, tmp_path, tmp_path / "run")
+    first, second = together(corrupted, tmp_path, tmp_path / "run")
     assert first == second
     assert "in 12.5% of the environments in update 1" in first and "first: environment 2" in first
     names = sorted(path.name for path in (tmp_path / "run" / "diverged").iterdir())

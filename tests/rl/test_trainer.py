@@ -59,7 +59,7 @@ def assert_same_bits(found: Any, expected: Any, where: str = "") -> None:
 
 
 def without_times(values: Any) -> Any:
-    """The same progress figures without wall times, which no two runs share."""
+    """Progress figures without wall times, which no two runs share."""
     if isinstance(values, list):
         return [without_times(value) for value in values]
     return {k: v for k, v in values.items() if k not in ("seconds", "collect_ms", "learn_ms", "steps_per_second")}
@@ -70,7 +70,7 @@ def test_resume_equals_an_uninterrupted_run(tmp_path: Path) -> None:
     whole = Trainer(make_cfg(tmp_path / "whole", 4))
     whole.run()
     Trainer(make_cfg(tmp_path / "part", 2)).run()
-    torch.manual_seed(999)  # whatever happens in between
+    torch.manual_seed(999)  # random draws in between
     torch.rand(17)
     resumed = Trainer(make_cfg(tmp_path / "part", 4), resume=tmp_path / "part" / "checkpoint.pt")
     assert resumed.iteration == 2
@@ -89,12 +89,12 @@ def test_resume_equals_an_uninterrupted_run(tmp_path: Path) -> None:
 
 @pytest.mark.gpu
 def test_resume_on_a_gpu(tmp_path: Path) -> None:
-    """What was saved is loaded to the bit, by another object on the GPU, which trains on."""
+    """The saved state is loaded to the bit, by another object on the GPU, which trains on."""
     env = replace(ENV, episode_seconds=1.0)
     env = replace(env, sim=replace(env.sim, device="cuda:0", num_envs=64))
     first = Trainer(make_cfg(tmp_path, 2, env=env))
     first.run()
-    torch.rand(17, device="cuda:0")  # whatever happens in between
+    torch.rand(17, device="cuda:0")  # random draws in between
     resumed = Trainer(make_cfg(tmp_path, 4, env=env), resume=tmp_path / "checkpoint.pt")
     before = content(first)
     resumed.save()
@@ -144,7 +144,7 @@ CHANGES: dict[str, tuple[Callable[[TrainCfg], TrainCfg], str]] = {
 
 
 def test_networks_learn_as_fast_as_asked(tmp_path: Path) -> None:
-    """Step and exploration reach the algorithm; checkpoint and result tell them; what makes no sense is refused."""
+    """Step and exploration reach the algorithm; checkpoint and result record them; values without sense are refused."""
     run = Trainer(replace(make_cfg(tmp_path, 1), learning=LearningCfg(desired_kl=0.01, entropy=0.0005)))
     assert (run.algorithm.desired_kl, run.algorithm.entropy_coef) == (0.01, 0.0005)
     asked = {"desired_kl": 0.01, "entropy": 0.0005, "symmetry": True}
@@ -189,7 +189,7 @@ def test_resume_refuses_an_incomplete_checkpoint(finished: Path, tmp_path: Path,
         del values[part]
     path = tmp_path / "broken.pt"
     checkpoint.save(path, values)
-    with pytest.raises(CheckpointError, match="does not fit this version.*start anew") as info:
+    with pytest.raises(CheckpointError, match="does not fit this version.*start again") as info:
         Trainer(make_cfg(tmp_path / "out", 2), resume=path)
     assert str(info.value).startswith(f"{path}: ") and "\n" not in str(info.value)
     assert not (tmp_path / "out").exists()
@@ -227,7 +227,7 @@ def test_exported_policy_is_the_trained_actor(tmp_path: Path) -> None:
 
 
 def verdict(passed: bool) -> dict[str, Any]:
-    """What a gate check reports, as far as the trainer reads it."""
+    """Report of a gate check, as far as the trainer reads it."""
     return {
         "reward": 0.0, "v_x_rmse": {"0.3": 0.1, "0.5": 0.1}, "never_fell": 1.0, "height": 0.32,
         "stride_frequency": 1.5, "clock_match": 0.9, "conditions": {"rmse": passed}, "passed": passed,

@@ -39,7 +39,7 @@ def make_trainer(out: Path, *, iterations: int = 2, **changes: Any) -> Trainer:
     return Trainer(replace(TrainCfg(env=env, out=out, seed=3, iterations=iterations, until_gate=False), **changes))
 
 
-def spoil(run: Trainer, envs: list[int], step: int) -> None:
+def corrupt(run: Trainer, envs: list[int], step: int) -> None:
     """Write NaN into a joint speed of some environments at one policy step."""
     count = [0]
 
@@ -56,7 +56,7 @@ def test_one_broken_environment_is_dumped_and_training_goes_on(
 ) -> None:
     """NaN in one environment: a line, a dump that opens, a count in the result, finite networks at the end."""
     run = make_trainer(tmp_path / "run", save_every=0.0)
-    spoil(run, [5], 10)
+    corrupt(run, [5], 10)
     result = run.run()
     assert (result["diverged_episodes"], result["iterations"]) == (1, 2)
     (path,) = (tmp_path / "run" / "diverged").iterdir()
@@ -71,7 +71,7 @@ def test_one_broken_environment_is_dumped_and_training_goes_on(
 def test_too_many_broken_environments_stop_the_training(tmp_path: Path) -> None:
     """2 of 8 in the third update: the message names the share, the first cause and the checkpoint of the second."""
     run = make_trainer(tmp_path / "run", iterations=5, save_every=0.0)
-    spoil(run, [1, 6], 2 * 24 + 7)
+    corrupt(run, [1, 6], 2 * 24 + 7)
     with pytest.raises(TrainingError, match=r"25.0% of the environments in update 3, more.*first: environment 1"):
         run.run()
     assert checkpoint.load(tmp_path / "run" / "checkpoint.pt")["iteration"] == 2
@@ -144,7 +144,7 @@ def test_a_full_disk_stops_with_the_earlier_checkpoint(
 def test_a_folder_without_write_access_is_refused_before_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Checked by writing, as rights and full disks cannot be told otherwise; exit code 2 of the command."""
+    """Checked by writing, as rights and full disks cannot be found otherwise; exit code 2 of the command."""
     monkeypatch.setattr(Path, "write_bytes", fail(errno.EACCES))
     code = main(["train", "--num-envs", "2", "--out", str(tmp_path / "run")])
     error = capsys.readouterr().err
@@ -152,7 +152,7 @@ def test_a_folder_without_write_access_is_refused_before_training(
 
 
 def test_a_second_training_in_the_same_folder_is_refused(tmp_path: Path) -> None:
-    """While one writes the other is told so; afterwards the folder is free, and no lock file is left."""
+    """While one writes the other is refused; afterwards the folder is free, and no lock file is left."""
     run = make_trainer(tmp_path / "run")
     with folder.claim(tmp_path / "run"), pytest.raises(FolderError, match="another run writes here; wait"):
         run.run()

@@ -60,7 +60,7 @@ def test_networks_and_normalisers_are_taken_over_and_the_rest_is_new(flat: Path,
 
 
 def test_the_origin_stands_in_result_policy_and_checkpoint_also_after_a_resume(flat: Path, tmp_path: Path) -> None:
-    """Stopped and resumed, a warm-started run still tells where its first networks came from; others say None."""
+    """Stopped and resumed, a warm-started run still records where its first networks came from; others say None."""
     out = tmp_path / "loaded"
     cfg = make_cfg(out, payload=3)
     assert Trainer(make_cfg(tmp_path / "fresh")).run()["started_from"] is None
@@ -111,7 +111,7 @@ def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Pa
 
 
 def test_a_new_critic_learns_before_the_actor_does(flat: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside a policy's actor the critic is new and learns alone, resumed or not; a checkpoint's learns with it."""
+    """With a policy's actor the critic is new and learns alone, resumed or not; a checkpoint's learns with it."""
     monkeypatch.setattr(warm_start, "CRITIC_FIRST", 2)
     cfg = make_cfg(tmp_path / "out")
     run = Trainer(cfg, start_from=DEFAULT_POLICY)
@@ -144,7 +144,7 @@ def test_new_networks_learn_together() -> None:
 def test_the_command_refuses_a_policy_without_its_record(
     flat: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A policy that does not tell what it was trained on, and a file that is none: exit code 2 and one line."""
+    """A policy that does not record its training task, and a file that is none: exit code 2 and one line."""
     run = Trainer(make_cfg(tmp_path / "run"))
     export_onnx(run.algorithm.get_policy(), tmp_path / "bare.onnx", {"task": {}})
     for name, message in {"bare.onnx": "lacks 'seed'", "none.onnx": "no such file or folder"}.items():

@@ -16,7 +16,7 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
 from mrwarp.robot_logs.robot_log import describe, load_log
-from tests.messages import tells
+from tests.messages import has_parts
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "robot_logs"
 
@@ -189,7 +189,7 @@ def test_a_bad_log_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as refused:
         load_log(folder)
     message = str(refused.value)
-    assert tells(message, said), message
+    assert has_parts(message, said), message
     assert str(tmp_path) in message and "\n" not in message
 
 
@@ -208,7 +208,7 @@ def test_a_bad_description_is_refused(text: str, said: str, tmp_path: Path) -> N
     (tmp_path / "log.json").write_text(text)
     with pytest.raises(RecordingError) as refused:
         load_log(tmp_path)
-    assert tells(str(refused.value), said), str(refused.value)
+    assert has_parts(str(refused.value), said), str(refused.value)
 
 
 def test_bad_files_can_be_left_out(tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def test_two_legs_without_a_free_joint_are_asked_about(file: Callable[..., Path]
 def test_an_arm_says_what_is_held(
     file: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The base with its weight, not the table beside it; the total counts it."""
+    """The base with its weight, not the table next to it; the total counts it."""
     path = file(ARM, free=False)
     path.write_text(path.read_text().replace("</worldbody>", FLOOR + "</worldbody>"))
     out = tmp_path / "arm.usda"
@@ -56,7 +56,7 @@ def test_an_arm_says_what_is_held(
 
 
 def test_a_dog_that_is_held(file: Callable[..., Path]) -> None:
-    """A free joint gives way to the user's word, whatever its keyframes."""
+    """A free joint gives way to the user's word, for any keyframes."""
     found = understand(read_robot(file(DOG), base="fixed"), Choices())
     assert not found.layout.legs and len(found.layout.joints) == 12 and not found.robot.floating
 

@@ -1,4 +1,4 @@
-"""Which chains are legs: all that are built alike, in the pose that was given or one in which the robot stands."""
+"""Which chains are legs: all of one build, in the pose that was given or one in which the robot stands."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -46,7 +46,7 @@ def test_a_stale_keyframe_takes_no_legs(file: Callable[..., Path], what: str, sh
 
 
 def test_the_keyframe_in_which_it_stands_counts(file: Callable[..., Path]) -> None:
-    """One after a stale one is taken, whatever its name."""
+    """One after a stale one is taken, by any name."""
     stale, other = key("0 2.2 -1.3", "0 -0.9 -1.5"), key("0 0.6 -1.2", "0 0.6 -1.2", name="up")
     both = stale.replace("</keyframe>", other.removeprefix("<keyframe>"))
     found = understand(read_robot(file(DOG, more=both)), Choices())

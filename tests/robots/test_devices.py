@@ -87,7 +87,7 @@ def test_a_stronger_device_has_its_torques_and_currents(plain: Callable[[], str]
 
 
 def test_several_kinds_at_once_and_a_joint_without_a_foot(robot) -> None:  # noqa: ANN001
-    """Weak devices at hips, a strong one at a joint of no leg: it has the current whatever its feet bear, and holds."""
+    """Weak devices at hips, a strong one at a joint of no leg: it has the current under any load of feet, and holds."""
     file = imported(robot(tail=ARM), "--torque-limit", "*=30", "--kd", "shoulder=5")
     assert main(["robot", "fit-device", file, "--joint", "*_pitch", "--scale", "0.5"]) == 0
     assert main(["robot", "fit-device", file, "--joint", "shoulder", "--scale", "2"]) == 0

@@ -28,6 +28,6 @@ def test_passive_joints_are_held_rather_than_driven(file: Callable[..., Path]) -
 
 
 def test_without_any_motor_a_limit_is_asked_for(file: Callable[..., Path]) -> None:
-    """Nothing tells which joints are passive."""
+    """Nothing shows which joints are passive."""
     with pytest.raises(RobotFileError, match="FL_roll has no torque limit; give --torque-limit"):
         understand(read_robot(file(DOG, passive="_")), Choices())

@@ -51,4 +51,4 @@ def test_a_law_and_its_effects_arrive(beast: Path, tmp_path: Path, capsys: pytes
         assert knee.model is not None and knee.model.law == law and knee.effects == model.effects
     assert 'newton:mr:law = "kwok"' in (tmp_path / "beast.usda").read_text()
     out = capsys.readouterr().out
-    assert "holding was not measured" in out and "yields at 25 N·m with 1 A" in out and "coil_lag" in out
+    assert "no break-away test" in out and "yields at 25 N·m with 1 A" in out and "coil_lag" in out

@@ -127,7 +127,7 @@ def test_a_usd_robot_arrives_with_its_drives(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_the_shipped_robot_is_read_back_with_its_motors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Gains of Newton's motors, and of those beside MR devices, which are told to be left out."""
+    """Gains of Newton's motors, and of those next to MR devices, which are reported as left out."""
     own = load_robot()
     out = tmp_path / "again.usda"
     assert main(["robot", "import", str(own.path), "--out", str(out)]) == 0
@@ -160,7 +160,7 @@ def test_usd_as_others_write_it(tmp_path: Path) -> None:
 
 
 def test_an_imported_robot_is_imported_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Stance, limits, gains, feet and gait are those that it has; its devices are left out and told."""
+    """Stance, limits, gains, feet and gait are those that it has; its devices are left out and reported."""
     first = imported(urdf(tmp_path), "--pose", "*_KFE=-1.9", "*_HFE=0.95", "--kp", "*=33")
     assert main(["robot", "fit-device", str(first.path), "--joint", "*_KFE"]) == 0
     capsys.readouterr()
@@ -184,7 +184,7 @@ def test_names_of_any_language(tmp_path: Path, names: str) -> None:
 
 @pytest.mark.parametrize("where", ["dogs/meshes", "elsewhere/dogs/meshes"])
 def test_meshes_of_packages_are_found(tmp_path: Path, where: str) -> None:
-    """Beside and around the file, or in a folder that is named."""
+    """Next to and around the file, or in a folder that is named."""
     (tmp_path / where).mkdir(parents=True)
     trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / where / "camera.stl")
     file = urdf(tmp_path / "dogs/urdf", camera("package://dogs/meshes/camera.stl"))
@@ -257,7 +257,7 @@ BAD_DOGS: dict[str, tuple[dict, tuple[str, ...]]] = {
     "limits turned round": ({"knee": "0.5"}, ("LF_KFE", "0.5", "-0.1", "swap")),
     "limits in words": ({"knee": "far"}, ("joint LF_KFE", '<limit lower="far">', "write a number")),
     "limits that are no numbers": ({"knee": "nan"}, ("joint LF_KFE", '<limit lower="nan">')),
-    "limits in degrees": ({"knee": "-150"}, ("LF_KFE", "less than ten turns apart", "radians", "--unlimited LF_KFE")),
+    "limits in degrees": ({"knee": "-150"}, ("LF_KFE", "a range of ten turns", "radians", "--unlimited LF_KFE")),
     "a mass that is no number": ({"shank": math.nan}, ("link LF_shank", '<mass value="nan">', "write a number")),
     "macros left in a number": (
         {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace('mass value="1.0"', 'mass value="${m}"')},
@@ -277,7 +277,7 @@ BAD_DOGS: dict[str, tuple[dict, tuple[str, ...]]] = {
         {"more": EXTRA.format(kind="revolute", limit=f'{LIMIT}<mimic joint="LF"/>')},
         ("joint spin", "<mimic> of LF", "no joint"),
     ),
-    "a circle beside the trunk": (
+    "a circle next to the trunk": (
         {"more": link("a") + link("b") + joint("ab", "a", "b") + joint("ba", "b", "a")},
         ("link a", "after itself", "closed loop"),
     ),

@@ -1,4 +1,4 @@
-"""What was guessed: in order, as the documentation has it, at the end of an import."""
+"""Guesses: in order, as the documentation has it, at the end of an import."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def test_the_table_of_the_documentation_is_this_one() -> None:
 
 
 def test_what_changes_the_robot_most_comes_first() -> None:
-    """Whatever the order in which it was found."""
+    """For any order in which it was found."""
     guesses = [Guess(subject=subject, text=subject.name) for subject in reversed(Subject)]
     assert [line.split()[0] for line in sorted_lines(guesses)] == [subject.name for subject in Subject]
 

@@ -46,7 +46,7 @@ def beast(robot) -> RobotAsset:  # noqa: ANN001
 
 
 def test_legs_are_found_in_the_order_of_the_gait(beast: RobotAsset) -> None:
-    """Front before rear, left before right, whatever the file's order; diagonal pairs share a phase."""
+    """Front before rear, left before right, for any order in the file; diagonal pairs share a phase."""
     layout = beast.layout
     assert (layout.trunk, layout.leg_names) == ("torso", ("leg_d", "leg_c", "leg_b", "leg_a"))
     assert [leg.phase for leg in layout.legs] == [0.0, 0.5, 0.5, 0.0]
@@ -76,7 +76,7 @@ def test_masses_inertias_limits_and_motors_arrive(beast: RobotAsset, robot) -> N
 
 
 def test_the_solved_stance_stands_below_the_hips(beast: RobotAsset) -> None:
-    """Feet level, below the pitch joints, at 0.73 of the reach, joints of both sides alike."""
+    """Feet level, below the pitch joints, at 0.73 of the reach, joints of both sides equal."""
     scene = robot_scene(beast)
     soles = scene.soles
     assert np.ptp(soles[:, 2]) < 1e-3

@@ -215,7 +215,7 @@ def test_strange_robots_are_understood(file: Callable[..., Path], what: str) -> 
 
 
 def test_a_sprawling_leg_stands_below_its_knee(file: Callable[..., Path]) -> None:
-    """The femur turns upwards and outwards, the foot stands below its joint; all six alike."""
+    """The femur turns upwards and outwards, the foot stands below its joint; all six equally."""
     found = understand(read_robot(file(**ROBOTS["an insect"][0])), Choices())
     angles = np.array([[found.layout.neutral[joint] for joint in joints] for joints in legs_of(found).values()])
     assert np.ptp(angles, axis=0).max() < 0.01 and abs(angles[0, 0]) < 0.01
@@ -248,7 +248,7 @@ def test_toes_and_a_foot_of_its_own_name_bear_load(file: Callable[..., Path], tm
 
 
 def test_a_sole_of_balls_bears_load_as_a_whole(file: Callable[..., Path]) -> None:
-    """The foot is the middle of its corners, alike on both sides; shapes of contact pairs are its sole too."""
+    """The foot is the middle of its corners, equal on both sides; shapes of contact pairs are its sole too."""
     inner = WALKER.replace(BOX.format(at="0.03 0 -0.06"), CORNERS)
     first = understand(read_robot(file(inner, limit=100.0)), Choices())
     for foot in first.feet:

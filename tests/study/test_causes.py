@@ -25,7 +25,7 @@ def test_every_step_changes_one_thing() -> None:
 
 
 def test_the_result_names_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The steps are Bouc-Wen devices, whatever the other tables walk on."""
+    """The steps are Bouc-Wen devices, regardless of the other tables' devices."""
     monkeypatch.setattr("mrwarp.study.paper_tables.causes", lambda *_: {})
     assert main(["study", "causes", "--out", str(tmp_path)]) == 0
     assert json.loads((tmp_path / "result.json").read_text())["evaluation"]["plant"] == "bouc_wen"

@@ -192,7 +192,7 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
             assert (
                 error.count("\n") == 1 and f"{runs / name(CONVENTIONAL, 0)}: trained with " in error and text in error
             )
-            assert "--entropy 0.003' or name another --runs to train anew" in error
+            assert "--entropy 0.003' or name another --runs to train again" in error
     assert sorted(runs.rglob("*")) == before and not out.exists()
     (runs / name(CONVENTIONAL, 0)).rename(runs / name(CONVENTIONAL, 1))
     with pytest.raises(RunError, match=r"seed = 0 \(asked: 1\)"):
@@ -266,7 +266,7 @@ def test_parts_without_physics_take_no_threads(part: str, capsys: pytest.Capture
 
 
 def test_more_curves_than_colours_are_all_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nine plants: the colours begin anew."""
+    """Nine plants: the colours begin again."""
     drawn, original = [], Axes.plot
 
     def spy(self: Axes, *args: Any, **kwargs: Any) -> Any:
@@ -304,7 +304,7 @@ def test_a_damaged_result_is_named(tmp_path: Path, text: str) -> None:
     run.mkdir()
     (run / "result.json").write_text(text)
     for act in (lambda: train(CFG, tmp_path), lambda: collect(CFG, tmp_path, tmp_path / "policies")):
-        with pytest.raises(ValueError, match=r"conventional_seed0/result\.json: .*remove the folder to train anew"):
+        with pytest.raises(ValueError, match=r"conventional_seed0/result\.json: .*remove the folder to train again"):
             act()
     assert not (tmp_path / "policies").exists()
 

@@ -18,7 +18,7 @@ CFG = PushesCfg(policies=POLICIES / "study_rough", seeds=(0,), currents=(0.0, 1.
 
 
 def cell(fell: np.ndarray, moved: np.ndarray) -> dict[str, Any]:
-    """What an arm of a cell holds."""
+    """Content of an arm of a cell."""
     pairs = dict.fromkeys(("damps", "holds", "damping_work", "holding_work"), [0.0, 0.0])
     return {"fell": fell.astype(int).tolist(), "moved": np.where(fell, np.nan, moved).tolist(), **pairs}
 

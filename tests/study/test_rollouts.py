@@ -64,13 +64,13 @@ def test_figures_equal_those_of_the_recorded_states(policy: OnnxPolicy, monkeypa
 
 
 def test_figures_do_not_depend_on_the_company(policy: OnnxPolicy) -> None:
-    """A policy alone and beside others, and two copies of it: the same bits."""
+    """A policy alone and next to others, and two copies of it: the same bits."""
     alone = roll_out(CFG, PLANT, [policy], [1.5])
-    beside = roll_out(CFG, PLANT, [still, policy, policy], [0.0, 1.5, 1.5])
+    together = roll_out(CFG, PLANT, [still, policy, policy], [0.0, 1.5, 1.5])
     for name in METRICS:
-        np.testing.assert_array_equal(beside.figures[name][1], alone.figures[name][0], err_msg=name)
-        np.testing.assert_array_equal(beside.figures[name][2], alone.figures[name][0], err_msg=name)
-    assert (np.abs(beside.figures["v_x_bias"][0]) > 0.3).all()  # it stands
+        np.testing.assert_array_equal(together.figures[name][1], alone.figures[name][0], err_msg=name)
+        np.testing.assert_array_equal(together.figures[name][2], alone.figures[name][0], err_msg=name)
+    assert (np.abs(together.figures["v_x_bias"][0]) > 0.3).all()  # it stands
 
 
 def test_rollout_that_falls_says_so_and_counts_up_to_there() -> None:

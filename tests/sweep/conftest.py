@@ -1,4 +1,4 @@
-"""What the tests of the sweep share."""
+"""Shared by the tests of the sweep."""
 
 import sys
 from pathlib import Path

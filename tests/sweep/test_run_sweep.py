@@ -30,7 +30,7 @@ def result(out: Path) -> dict:
 
 
 def kill_one_worker(out: Path, *, begun: Callable[[Path], bool]) -> threading.Thread:
-    """Kill the process of the first trial that has got somewhere, from beside the sweep."""
+    """Kill the process of the first trial that has got somewhere, from outside the sweep."""
 
     def watch() -> None:
         for _ in range(1200):

@@ -1,4 +1,4 @@
-"""A robot with another device than the paper's: nothing of the paper beside its figures, and the user is told."""
+"""A robot with another device than the paper's: its figures without the paper's, with a note for the user."""
 
 import json
 from dataclasses import replace
@@ -31,7 +31,7 @@ def small_brake(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_shipped_robot_has_the_papers_device() -> None:
-    """No note, whatever the task's robot; a lag as an effect makes it another."""
+    """No note, for any robot of the task; a lag as an effect makes it another."""
     devices = task_devices(make_walk_cfg())
     assert len(devices) == 4 and foreign_device(devices) == "" and not list(device_notes(make_walk_cfg(), 1.5))
     assert devices[1].mr is not None
@@ -40,7 +40,7 @@ def test_the_shipped_robot_has_the_papers_device() -> None:
 
 
 def test_the_note_names_what_changes_the_torque_most() -> None:
-    """Not the first number that differs, nor two that print alike: a rounded q_offset beside a hundred times K1."""
+    """Not the first number that differs, nor two that print identically: a rounded q_offset next to 100 times K1."""
     paper = MrParams()
     stiff = paper.replace(q_offset=2.396e-4, K1=985.0, beta=1500.0, gamma=-900.0)
     assert largest_difference(stiff, paper) == "K1 985 instead of 10.4"
@@ -65,12 +65,12 @@ def test_effects_make_another_device(small_brake: Path) -> None:
 def test_walk_sets_nothing_of_the_paper_beside_it(
     small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Told before the walk: what was not measured, the current that is used, and why the paper's columns are empty."""
+    """Noted before the walk: what was not measured, the current that is used, and why the paper's columns are empty."""
     options = ["--distance", "0.3", "--trials", "1", "--speed", "0.5", "--payload", "0", "--threads", "1"]
     robots = ["--robot", "mr_go", "mr_go_sal"]
     assert main(["walk", "--model", str(small_brake), *options, *robots, "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr().out
-    assert "holding was not measured" in shown and "of 1.5 A they use that much" in shown
+    assert "no break-away test" in shown and "requested 1.5 A, limited to" in shown
     assert (
         "is not the paper's device (T_max " in shown and "instead of 26.6): the paper's figures are left out" in shown
     )
@@ -90,7 +90,7 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
 def test_currents_end_at_what_the_device_takes(
     small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By default, a robot with each, and that is told; a current that was typed is refused."""
+    """By default, a robot with each, with a note; a current that was typed is refused."""
     line = ["play", "--agent", "zero", "--model", str(small_brake), "--seconds", "1", "--out", str(tmp_path / "out")]
     assert main(line) == 0
     shown = capsys.readouterr().out
@@ -142,12 +142,12 @@ def test_a_walk_lists_currents_that_flow(small_brake: Path) -> None:
     devices = task_devices(make_walk_cfg(model=str(small_brake)))
     assert own_robot.currents_of(devices, 1.5) == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
     assert own_robot.currents_of(devices, 0.6) == pytest.approx([0.0, 0.2, 0.4, 0.6])
-    assert list(limit_note(devices, 1.5)) == ["note: the devices take 0 to 1 A; of 1.5 A they use that much"]
+    assert list(limit_note(devices, 1.5)) == ["note: requested 1.5 A, limited to the devices' 1 A"]
     assert list(limit_note(devices, 0.6)) == []
 
 
 def test_nobody_arrived(small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Too slow for the distance, beside Go1: no nan in the table, which explains why, and nothing of the paper."""
+    """Too slow for the distance, next to Go1: no nan in the table, which explains why, and nothing of the paper."""
     options = ["--distance", "0.3", "--trials", "1", "--speed", "0.05", "--payload", "0", "--threads", "1"]
     policy = ["--policy", str(DEFAULT_POLICY)]
     walk = ["walk", "--model", str(small_brake), *options, *policy, "--robot", "go1", "mr_go_sal"]

@@ -27,7 +27,7 @@ def model(*effects: Effect, **more: float) -> Model:
 
 
 def lagging(time_constant: float) -> Model:
-    """The same with an effect of the catalogue."""
+    """The model with an effect of the catalogue."""
     return model(make_effect("coil_lag", {"time_constant": time_constant}))
 
 
@@ -38,7 +38,7 @@ def changes(found: dict[str, Any]) -> dict[tuple[float, str], dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def truth() -> dict[str, Any]:
-    """What the simulator's own coil lag changes, a joint parameter that knows nothing of effects."""
+    """Changes by the simulator's own coil lag, a joint parameter that knows nothing of effects."""
     return impact_change(model(), model(coil_time_constant=TRUE_LAG), POLICY, **SWEEP)
 
 
@@ -57,7 +57,7 @@ def test_the_effect_changes_it_the_same_way(truth: dict[str, Any]) -> None:
 
 
 def test_a_lag_as_found_on_the_bench_changes_it_nearly_so(truth: dict[str, Any]) -> None:
-    """29 ms instead of 30: every change within half the half-width of its own interval; 100 ms is told apart."""
+    """29 ms instead of 30: every change within half the half-width of its own interval; 100 ms is distinguished."""
     want, near = changes(truth), changes(impact_change(model(), lagging(0.029), POLICY, **SWEEP))
     far = changes(impact_change(model(), lagging(0.1), POLICY, **SWEEP))
     for key, change in want.items():

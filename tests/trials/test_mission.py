@@ -106,7 +106,7 @@ def test_a_repetition_counts_if_it_finished_both_ways(monkeypatch: pytest.Monkey
 
 
 def test_walks_of_different_repetitions_are_not_joined() -> None:
-    """The same number of rows is not enough."""
+    """An equal number of rows is not enough."""
     out, back = (replace(PHASE_USES["outbound"], trial=np.array(trial)) for trial in ([0, 1], [1, 2]))
     with pytest.raises(ValueError, match=r"\[0 1\] went out and \[1 2\] came back"):
         run({**PHASE_USES, "outbound": out, "return": back}, *NUMBERS, feedback=False)

@@ -10,7 +10,7 @@ from mrwarp.trials import own_robot
 
 
 def load(torque: float, speed: float, work: float, joints: int = 3) -> JointLoad:
-    """Every joint alike, one device."""
+    """Identical joints, one device."""
     return JointLoad(
         torque_square=np.full(joints, torque**2),
         speed=np.full(joints, speed),
@@ -22,7 +22,7 @@ def load(torque: float, speed: float, work: float, joints: int = 3) -> JointLoad
 
 
 def test_a_robot_as_go1_but_larger_uses_power_in_proportion() -> None:
-    """Eight times the mass and twice the length: torques x 16, times x root 2, powers x 16/root 2; limits alike."""
+    """Eight times the mass and twice the length: torques x 16, times x root 2, powers x 16/root 2; limits too."""
     by, cfg = Scales(length=2.0, mass=8.0), ElectricalCfg(calf_gear=1.0)
     power = 16.0 / np.sqrt(2.0)
     assert by.power == pytest.approx(power)

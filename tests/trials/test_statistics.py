@@ -9,7 +9,7 @@ from mrwarp.trials.statistics import ratio_sd, spread
 
 
 def test_one_value_has_no_spread_and_none_has_no_mean() -> None:
-    """What :func:`spread` does at its ends."""
+    """:func:`spread` at its ends."""
     assert spread(np.array([2.0])) == {"mean": 2.0, "sd": 0.0}
     assert all(math.isnan(value) for value in spread(np.array([])).values())
 

@@ -24,7 +24,7 @@ LOAD = JointLoad(
 
 @pytest.fixture
 def steady(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows and standing that heat each device by 2 W, whatever its temperature."""
+    """Windows and standing that heat each device by 2 W, at any temperature."""
     window = thermal_mission.Window(joints=LOAD, speed=0.3, slipped=0.0, short=0.0, need=np.full(20, 10.0))
     monkeypatch.setattr(thermal_mission, "_window", lambda *_: window)
     monkeypatch.setattr(thermal_mission, "standing_load", lambda *_, **__: (LOAD, {}))

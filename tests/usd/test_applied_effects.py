@@ -79,7 +79,7 @@ def test_a_model_reaches_every_mr_joint(tmp_path: Path) -> None:
     ],
 )
 def test_effects_made_in_python_are_checked(effect: Effect, words: str) -> None:
-    """What a file may not hold, an object may not either."""
+    """An object is refused as its file would be."""
     with pytest.raises(ModelFileError, match=words):
         with_model(load_robot(), model(effect))
 

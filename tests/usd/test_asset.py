@@ -287,7 +287,7 @@ def test_load_robot_refuses_missing_joint(tmp_path):
 
 
 def test_load_robot_refuses_cycles_on_one_line(tmp_path):
-    """USD tells of a prim that inherits from itself on several lines; the refusal is one."""
+    """USD reports a prim that inherits from itself on several lines; the refusal is one."""
     joint = 'def PhysicsRevoluteJoint "RL_thigh" (\n            prepend inherits = </mr_go/%s>'
     path = edited(tmp_path, (joint % "parts/ThighJoint", joint % "joints/RL_thigh"))
     with pytest.raises(AssetError, match=r"composition error: Cycle detected.*; repair the reference") as refusal:
@@ -431,7 +431,7 @@ def test_a_file_that_is_not_utf8_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 def test_a_broken_wire_takes_none_of_the_currents(tmp_path):
-    """One coil of 0 A beside whole ones is simulated with any current; coils that all take less refuse it."""
+    """One coil of 0 A next to whole ones is simulated with any current; coils that all take less refuse it."""
 
     def legs(**most: float):
         robot = load_robot().actuators

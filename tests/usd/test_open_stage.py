@@ -109,9 +109,9 @@ def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
     if pid == 0:
         code = 1
         try:
-            apart = asset_trial._helper is None
+            separate = asset_trial._helper is None
             load_robot(_copy(tmp_path / "b.usda"))
-            code = 0 if apart and asset_trial._helper is not None else 1
+            code = 0 if separate and asset_trial._helper is not None else 1
             asset_trial.stop()
         finally:
             os._exit(code)
@@ -125,7 +125,7 @@ def _copy(path: Path) -> Path:
 
 
 def test_a_file_is_tried_once_until_it_or_a_layer_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Loading again costs a look at the files; a new text, of the file or of a sublayer, is tried anew."""
+    """Loading again costs a look at the files; a new text, of the file or of a sublayer, is tried again."""
     asked: list[str] = []
     answer = asset_trial._answer
     monkeypatch.setattr(asset_trial, "_answer", lambda request: asked.append(request["file"]) or answer(request))

@@ -20,7 +20,7 @@ from mrwarp.usd.asset import load_bench, load_robot
 from mrwarp.usd.edit import edit_asset, find_prim
 from mrwarp.usd.open_stage import ASSETS, AssetError
 from mrwarp.usd.record import PREFIX, RECORD, read_model, record_difference, record_text
-from tests.messages import tells
+from tests.messages import has_parts
 
 SHIPPED = ASSETS / "mr_go.usda"
 REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -81,7 +81,7 @@ def random_model(rng: np.random.Generator) -> Model:
 
 
 def bits(model: Model) -> str:
-    """Every field; unlike ``==`` this tells -0.0 from 0.0."""
+    """Every field; unlike ``==`` this distinguishes -0.0 from 0.0."""
     return repr(model)
 
 
@@ -114,7 +114,7 @@ def applied(file: Path, model: Model, prim: str = "MRDevice", out: Path | None =
 
 
 def held(file: Path, joint: str = "FL_calf"):
-    """What a joint of the file holds."""
+    """Content of a joint of the file."""
     asset = load_robot(file)
     path = next(a.prim_path for a in asset.actuators if a.joint == joint)
     return read_model(asset.stage.GetPrimAtPath(path), file)
@@ -312,7 +312,7 @@ def test_damaged_record_is_refused(
     assert main(["asset", "show", str(robot)]) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"mrwarp asset show: {robot}: /mr_go/actuators/FL_calf: {RECORD}")
-    assert tells(said, f"{words} .. mrwarp asset apply .. remove {RECORD}")
+    assert has_parts(said, f"{words} .. mrwarp asset apply .. remove {RECORD}")
     assert said.count("\n") == 1 and len(said) < 700 and "\x1b" not in said
     assert main(["asset", "diff", str(SHIPPED), str(robot)]) in (1, 2)
     applied(robot, model)
@@ -335,7 +335,7 @@ def test_record_of_another_type_is_refused(robot: Path, model: Model, type_name:
     stage.Save()
     with pytest.raises(AssetError) as error:
         held(robot)
-    assert tells(str(error.value), words) and len(str(error.value)) < 500
+    assert has_parts(str(error.value), words) and len(str(error.value)) < 500
     applied(robot, model)
     assert held(robot).model == model
 

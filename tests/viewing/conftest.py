@@ -1,4 +1,4 @@
-"""What the viewing tests share: four robots that move at random, and everything they did."""
+"""Shared by the viewing tests: four robots that move at random, and everything they did."""
 
 import os
 import signal
@@ -58,7 +58,7 @@ def tables(path: Path) -> tuple[list[tuple[str, bool, Any]], list[Any]]:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What an ``.rrd`` file holds, read with rerun's own reader."""
+    """Content of an ``.rrd`` file, read with rerun's own reader."""
 
     path: Path
 

@@ -1,4 +1,4 @@
-"""Pictures: complete, small, and the same robot whatever its heading."""
+"""Pictures: complete, small, and the same robot for any heading."""
 
 from pathlib import Path
 from typing import Any

@@ -49,7 +49,7 @@ def series(recorded: Any, entity: str, component: str = "Scalars:scalars") -> tu
 
 
 def test_every_series_is_there_with_its_unit(walk: Any, recording: Path, read_rrd: Any) -> None:
-    """All series of all robots, at 50 Hz on ``sim_time``, equal to the frames; the unit stands beside each."""
+    """All series of all robots, at 50 Hz on ``sim_time``, equal to the frames; the unit stands next to each."""
     recorded, frames = read_rrd(recording), walk.frames
     calves = [2, 5, 8, 11]
     for k, name in enumerate(NAMES):
@@ -81,7 +81,7 @@ def test_last_trunk_height_is_the_environments(walk: Any, recording: Path, read_
 
 
 def test_poses_are_there(walk: Any, recording: Path, read_rrd: Any) -> None:
-    """Every body of every robot has its pose at every instant; the robots stand 1 m apart."""
+    """Every body of every robot has its pose at every instant; the robots stand every 1 m."""
     recorded, scene = read_rrd(recording), walk.env.sim.scene
     pos, quat = body_poses(scene.model, walk.frames.qpos)
     for k, name in enumerate(NAMES):

@@ -1,4 +1,4 @@
-"""What is drawn is what MuJoCo collides, where MuJoCo has it, on the ground as the terrain made it."""
+"""Drawn shapes are those that MuJoCo collides, at MuJoCo's places, on the terrain's ground."""
 
 from pathlib import Path
 from typing import Any

@@ -38,7 +38,7 @@ def test_live_stream_drops_instead_of_waiting(walk: Any) -> None:
 
 
 def test_batches_grow_behind_a_fast_simulation(walk: Any) -> None:
-    """What waited while the logger was busy is logged at once."""
+    """Frames that waited while the logger was busy are logged at once."""
     release, batches = threading.Event(), []
 
     def hang(frames: Any) -> None:

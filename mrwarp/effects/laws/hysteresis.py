@@ -1,4 +1,4 @@
-"""What a hysteresis law is, and the one that is in force at a step.
+"""Definition of a hysteresis law, and the one that is in force at a step.
 
 A law takes the place of eq. 15 and of the weakening in eq. 14:
 
@@ -44,7 +44,7 @@ def rate(name: str, unit: str, power: int, decades: tuple[float, ...], doc_scale
 
 def hysteresis_law(name: str, title: str, equation: str, source: str, law: Any, *parameters: EffectParameter,
                    states: int = 0, depends_on: tuple[str, ...] = ("qd", "memory")) -> EffectLaw:  # fmt: skip
-    """A law as an entry beside the effects."""
+    """A law as an entry next to the effects."""
     return EffectLaw(
         name=name,
         title=title,

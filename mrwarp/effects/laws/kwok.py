@@ -14,7 +14,7 @@ def kwok_law(
     s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
     memory: wp.array2d[float], line: int, slot: int,
 ) -> float:  # fmt: skip
-    """A function of velocity whose branches are apart by the side of the displacement."""
+    """A function of velocity whose branches are separated by the side of the displacement."""
     side, rounding = float(wp.sign(q_c)), values[row, at + 2]
     if rounding > 0.0:
         side = wp.tanh(q_c / rounding)

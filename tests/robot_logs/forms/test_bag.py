@@ -16,7 +16,7 @@ from mrwarp.recording.data import RecordingError
 from mrwarp.robot_logs.forms.bag import UNITREE_JOINTS, read_bag, typestore
 from mrwarp.robot_logs.forms.open_log import open_log
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
-from tests.messages import tells
+from tests.messages import has_parts
 
 STORE = typestore()
 ROWS, DT = 120, 0.01
@@ -261,7 +261,7 @@ def test_a_map_that_does_not_fit_is_refused(mapping: dict[str, Any], said: str, 
         return
     with pytest.raises(RecordingError) as refused:
         read_bag(bag, mapping)
-    assert tells(str(refused.value), said), str(refused.value)
+    assert has_parts(str(refused.value), said), str(refused.value)
 
 
 def test_the_usual_name_is_chosen_of_several_states(tmp_path: Path) -> None:

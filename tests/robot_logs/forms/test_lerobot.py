@@ -15,7 +15,7 @@ from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
 from mrwarp.robot_logs.forms.open_log import open_log
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
-from tests.messages import tells
+from tests.messages import has_parts
 
 FPS, ROWS = 50, 60
 JOINTS = ("shoulder_pan", "elbow_flex", "gripper")
@@ -110,7 +110,7 @@ def test_units_are_asked_for_and_shares_of_a_range_are_refused(
     ):
         assert main(["log", "import", str(path), "--out", str(out), *words]) == 2
         err = capsys.readouterr().err
-        assert tells(err, said) and err.count("\n") == 1 and not out.exists(), err
+        assert has_parts(err, said) and err.count("\n") == 1 and not out.exists(), err
     assert main(["log", "import", str(path), "--out", str(out), "--units", "q=deg"]) == 0
     ours, theirs = load_log(out), open_log(path, units={"q": "deg"})
     np.testing.assert_allclose(ours.runs[1].joint["q_des"], theirs.runs[1].joint["q_des"], atol=1e-6)
@@ -141,7 +141,7 @@ def test_what_a_data_set_does_not_say_is_refused(
         return
     with pytest.raises(RecordingError) as refused:
         open_log(path)
-    assert tells(str(refused.value), said), str(refused.value)
+    assert has_parts(str(refused.value), said), str(refused.value)
 
 
 def test_files_that_are_not_there_are_said(tmp_path: Path) -> None:
