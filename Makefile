@@ -44,6 +44,7 @@ lint: $(READY)
 	$(VENV)/bin/lint-imports --no-cache
 	$(PY) -m mrwarp reproduce docs --only-check
 	$(PY) -m mrwarp device page --only-check
+	$(PY) tools/plain_words.py
 
 format: $(READY)
 	$(PY) -m ruff check --fix .
@@ -51,7 +52,7 @@ format: $(READY)
 
 env: $(READY)
 
-# a virtual environment that works is updated in place, a missing or broken one is made anew
+# a virtual environment that works is updated in place, a missing or broken one is made again
 $(READY): pyproject.toml constraints.txt
 	$(PY) -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(PY) -m pip install -c constraints.txt -e '.[dev]'
@@ -72,7 +73,7 @@ pins: $(READY)
 	{ sed -n '/^#/p' constraints.txt; $(PY) -m pip freeze --all --exclude pip --exclude mrwarp | sed 's/+.*//'; } > $(VENV)/pins
 	mv $(VENV)/pins constraints.txt
 
-# the environment stays: `rm -rf .venv` to build it anew
+# the environment stays: `rm -rf .venv` to build it again
 clean:
 	rm -rf build dist .pytest_cache .ruff_cache
 	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
