@@ -193,7 +193,7 @@ def learned_current(action: float, allowed: float) -> float:
 
 
 BY_NOBODY, BY_LAW, BY_POLICY = wp.constant(0), wp.constant(1), wp.constant(2)
-"""What sets the command of :func:`current_kernel`: all that is allowed, the law, or the policy."""
+"""Sources of the command of :func:`current_kernel`: all that is allowed, the law, or the policy."""
 
 BY = {
     CurrentCommand.LATCHED: BY_NOBODY,

@@ -26,7 +26,7 @@ JOINT = "FR_calf"
 """The calf that is recorded, the paper's."""
 
 STANCE = ("foot off the ground", "loaded, before it is held", "held", "loaded, after it was held")
-"""What the calf :data:`JOINT` does while a torque step is counted, in the order of a stride."""
+"""States of the calf :data:`JOINT` while a torque step is counted, in the order of a stride."""
 
 STANDING = 0.2
 """Speed below which a joint stands, so that a brake could hold what its motor holds [rad/s]: eps_hold of eq. 8."""

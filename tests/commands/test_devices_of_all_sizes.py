@@ -120,7 +120,7 @@ def with_models(entries: Command | Group, words: tuple[str, ...] = ()) -> Iterat
     ("words", "options"), with_models(Group("", COMMANDS)), ids=lambda x: " ".join(x) if isinstance(x, tuple) else ""
 )
 def test_every_command_takes_a_stiff_device(words: tuple[str, ...], options: type, tmp_path: Path) -> None:
-    """What reads the option reads the file."""
+    """The reader of the option reads the file."""
     file = save_model(dry(), tmp_path / "model.json")
     taken = object.__new__(options)
     for name in {field.name for field in fields(options)} & {*MODELS}:
