@@ -244,7 +244,7 @@ class PushResult:
         return all(bool((np.diff([self.row(cell, a).mean() for a in CURRENT_GROUPS]) > 0.0).all()) for cell in CELLS)
 
 
-SERIES = ("t", "height", "velocity", "tau_motor", "tau_mr", "m_dyn", "fell")
+SERIES = ("t", "height", "velocity", "tau_motor", "tau_mr", "m_dyn", "f_foot", "fell")
 """What is kept of the traces of :data:`LITERAL` and :data:`JOINT`."""
 
 

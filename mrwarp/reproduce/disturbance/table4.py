@@ -13,9 +13,9 @@ from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
 from mrwarp.reproduce.disturbance import drop_trials, push_rule, two_knees
 from mrwarp.reproduce.disturbance.drop_trials import Drops
 from mrwarp.reproduce.disturbance.push_entries import policy_means
-from mrwarp.reproduce.disturbance.push_rule import JOINT, LITERAL, Pushes, PushResult
+from mrwarp.reproduce.disturbance.push_rule import JOINT, LITERAL, PAIR, Pushes, PushResult
 from mrwarp.runtime import drawing, panels
-from mrwarp.usd.robot import CURRENT_GROUPS
+from mrwarp.usd.robot import CURRENT_GROUPS, GAIT_FREQUENCY, LEGS
 from mrwarp.viewing.robot_pictures import COLORS
 
 TITLES = {"min_height": ("minimum height", "m", 4), "peak_down_velocity": ("peak downward velocity", "m/s", 4)}
@@ -23,6 +23,9 @@ TITLES = {"min_height": ("minimum height", "m", 4), "peak_down_velocity": ("peak
 
 CURRENTS = CURRENT_GROUPS[1:]
 """Those above 0 A."""
+
+STANCE = 0.5 / GAIT_FREQUENCY
+"""Time in which the pair that stands at the onset stands [s]."""
 
 
 def compute(job: Job) -> Findings:
@@ -41,6 +44,7 @@ def compute(job: Job) -> Findings:
         _plot(found, dropped, job)
     zero = push_rule.chosen(found.zeros)
     wanted = push_rule.papers_zero()
+    lowest = lowest_point(found.traces[LITERAL.name])
     return Findings(
         rows=rows,
         claims={
@@ -52,6 +56,9 @@ def compute(job: Job) -> Findings:
             f"{zero.speed:.3f} m/s, peak motor torque {zero.peak:.1f} N·m (the paper {wanted['drop']:.3f}, "
             f"{wanted['speed']:.3f}, {wanted['peak']:.1f}); it falls from {zero.onset:.3f} m, the paper's from "
             f"{push_rule.HEIGHT:.3f} m.",
+            f"Without current the trunk is lowest {lowest['time']:.2f} s after the onset, when the legs that swung "
+            f"then bear {100.0 * lowest['caught']:.0f} % of the feet's load; in {100.0 * lowest['later']:.0f} % of the "
+            "pushes a later stance is lower.",
             f"The mass meets the trunk through a pad of {drop_trials.STIFFNESS / 1e3:.1f} kN/m.",
             *(
                 f"{result.reading.name}: {result.fell} pushes felled a robot."
@@ -61,9 +68,34 @@ def compute(job: Job) -> Findings:
             *drop_trials.lost(dropped.figures.values()),
         ],
         tables=[_zeros(found), _readings(found), _knees(), _falls(dropped), _bound(dropped)],
+        reasons={
+            "push.damping/height": (
+                f"Ours falls less deep: when the trunk is lowest, {100.0 * lowest['caught']:.0f} % of the load is on "
+                "the legs that swung at the onset."
+            )
+        },
         pictures={"table4.png": "Both figures over the current: ours (lines), the paper's (marks)"},
         figures={"duration": zero.duration},
     )
+
+
+def lowest_point(trace: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """The lowest point without current: means over the pushes.
+
+    Returns:
+        ``time`` of it within the stance of the onset [s]; ``caught``, the share of the feet's load that is then on the
+        legs that swung at the onset; ``later``, the share of the pushes whose height is lower after that stance.
+    """
+    height, foot = trace["height"][0], trace["f_foot"][0]
+    stance = int((trace["t"] <= STANCE).sum())
+    place = height[:, :stance].argmin(axis=1)
+    load = foot[np.arange(len(foot)), place]
+    swung = load[:, [k for k, leg in enumerate(LEGS) if leg not in PAIR]].sum()
+    return {
+        "time": float(trace["t"][place].mean()),
+        "caught": float(swung / load.sum()),
+        "later": float((height.argmin(axis=1) >= stance).mean()),
+    }
 
 
 def _pushed(found: Pushes, reading: push_rule.Reading, amps: float) -> list[Comparison]:

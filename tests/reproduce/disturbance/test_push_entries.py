@@ -37,6 +37,7 @@ def pushed(torque: np.ndarray | None = None, level: float = 1.1) -> push_rule.Pu
         torque[-1] *= 0.9
     trace = {
         "t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape), "fell": np.zeros((4, TRIALS), dtype=bool),
+        "height": np.ones(shape[:3]), "f_foot": np.ones(shape),
     }  # fmt: skip
     zeros = [push_rule.ZeroRow(duration=0.3, onset=0.33, **push_rule.papers_zero())]
     return push_rule.Pushes(
@@ -92,6 +93,22 @@ def test_table4_has_two_columns_and_every_effect(monkeypatch: pytest.MonkeyPatch
     assert all(found.claims.values())
     for table in found.tables:
         assert {len(row) for row in table.rows} == {len(table.head)}
+
+
+def test_the_lowest_point_is_that_of_the_stance() -> None:
+    """Two of three pushes are lower in a later stance; in the first the swinging pair bears a quarter of the load."""
+    trace = {
+        "t": np.array([0.1, 0.2, 0.3, 0.6]),
+        "height": np.array([[[0.3, 0.2, 0.25, 0.1], [0.3, 0.2, 0.25, 0.15], [0.3, 0.25, 0.2, 0.3]]]),
+        "f_foot": np.zeros((1, 3, 4, len(LEGS))),
+    }
+    for k, leg in enumerate(LEGS):
+        trace["f_foot"][0, 0, 1, k] = trace["f_foot"][0, 1, 1, k] = 30.0 if leg in PAIR else 10.0
+        trace["f_foot"][0, 2, 2, k] = 30.0 if leg in PAIR else 10.0
+    found = table4.lowest_point(trace)
+    assert found == {
+        "time": pytest.approx(0.7 / 3.0), "caught": pytest.approx(0.25), "later": pytest.approx(2.0 / 3.0)
+    }  # fmt: skip
 
 
 def test_sensitivity_is_over_seeds() -> None:
