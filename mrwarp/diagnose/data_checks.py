@@ -10,7 +10,7 @@ from mrwarp.diagnose.recording_faults import turned_signs
 from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title
-from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing, missed
 from mrwarp.identify.contradictions import MIN_TRAJECTORIES, contradictions
 from mrwarp.identify.dataset import session_clock
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
@@ -81,8 +81,9 @@ def doubts(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
             f"better (NRMSE {100.0 * before:.1f} % without, {100.0 * after:.1f} % with): check that all are of one "
             f"device and one set-up; {STANDARD}"
         ]
-    if after >= EXPLAINS_NOTHING:
-        reason = explains_nothing(after, problem.motion, problem.units, every_effect=True)
+    left = missed(found.predicted_extended - problem.measured, problem.measured, problem.weight)
+    if left >= EXPLAINS_NOTHING:
+        reason = explains_nothing(left, problem.motion, problem.units, every_effect=True)
         return [reason if reason.endswith("try again") else f"{reason}; {STANDARD}"]
     return []
 

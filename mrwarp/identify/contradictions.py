@@ -12,6 +12,7 @@ from scipy.optimize import nnls
 
 from mrwarp.identify.checks.refusal_reason import (
     EXPLAINS_NOTHING,
+    UNLIKELY,
     by_place,
     explains_nothing,
     followed_instead,
@@ -36,8 +37,6 @@ _NOISE = 1.2
 """Ratio of the current's change from sample to sample to its spread from which it is noise: 1.41 where it is white."""
 _COIL = ("A", "V")
 """Units of a control input that is a size and acts on the torque; a flag, a load or a pressure need not."""
-_PLAIN = 0.6
-"""Part of it that the plainest laws leave from which a fit is likely to fail; the hysteresis of a joint leaves half."""
 _PLACE = 0.1
 """Part of it that the mean torque at the same place must predict to belong to the motion."""
 _TURNED = 0.5
@@ -134,7 +133,7 @@ def forewarning(recording: Recording) -> str:
     free, passive = _plain_laws(q, qd, np.concatenate([np.gradient(run.qd, run.dt) for run in runs]), current)
     # a stress that does not yield is a spring about the middle of its run
     left = _left(torque, [*free, np.concatenate([run.q - np.median(run.q) for run in runs])], passive)
-    if left < _PLAIN or not (reason := followed_instead(Dataset.of(recording), recording.units)):
+    if left < UNLIKELY or not (reason := followed_instead(Dataset.of(recording), recording.units)):
         return ""
     return f"plain friction, inertia and stiffness leave {100.0 * left:.0f} % of the torque's variance: {reason}"
 

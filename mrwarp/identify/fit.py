@@ -15,6 +15,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
+from mrwarp.identify.checks.refusal_reason import missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
 from mrwarp.identify.dataset import Dataset, Scales, rms
 from mrwarp.identify.intervals import Estimate, assess
@@ -153,10 +154,9 @@ def fit(
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
     warnings += _notes(recording, point, structure, assessment.together)
-    runs, error = recording.trajectories, np.abs(point.simulated - samples.torque) * samples.counts
-    plain = error <= np.quantile(error, 0.98)  # without single spikes
-    missed = rms(error[plain]) / (float(samples.torque[plain].std()) or 1.0)
-    refuse_unexplained(recording, samples, missed, missed * held_out_ratio(structure, point, len(runs)))
+    runs = recording.trajectories
+    nrmse = missed(point.simulated - samples.torque, samples.torque, samples.counts)
+    refuse_unexplained(recording, samples, nrmse, nrmse * held_out_ratio(structure, point, len(runs)))
     return FitResult(
         estimates={name: assessment.estimates[name] for name in PARAMETERS} | at_rest,
         combinations={name: e for name, e in assessment.estimates.items() if name not in PARAMETERS},

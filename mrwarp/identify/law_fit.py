@@ -18,8 +18,9 @@ from scipy import stats
 
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
 from mrwarp.effects.replay_kernel import BASE
+from mrwarp.identify.checks.refusal_reason import missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
-from mrwarp.identify.dataset import Motion, Scales, rms
+from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.fit import FitResult, fit_holding, made_motion, misfit
 from mrwarp.identify.intervals import Estimate
 from mrwarp.identify.least_squares import Quadratic, Rules, leave_out, minimise, ridge_solve
@@ -110,10 +111,17 @@ class LawSearch:
         return low, high
 
     def evaluate(self, layout: Parameters, x: np.ndarray) -> Quadratic:
-        """Squared error about a vector; the content is (torque, Gram matrices of the trajectories)."""
+        """Squared error about a vector; the content is (torque, Gram matrices of the trajectories).
+
+        A vector whose torque, or that of a step from it, is no number in 32 bits has an infinite error: no search goes
+        there.
+        """
         torque, slopes = jacobian(self.replay, layout, x)
-        rows = np.vstack([slopes, (self.motion.torque - torque)[None]]) * self.weight
-        parts = np.empty((len(self.motion.parts), len(rows), len(rows)))
+        rows = np.vstack([slopes, (self.motion.torque - torque)[None]])
+        parts = np.full((len(self.motion.parts), len(rows), len(rows)), np.inf)
+        if not np.isfinite(rows).all():
+            return Quadratic(np.inf, np.zeros((len(slopes), len(slopes))), np.zeros(len(slopes)), (torque, parts))
+        rows *= self.weight
         for k, part in enumerate(self.motion.parts):
             inside = rows[:, part].astype(float)
             if self.offsets:
@@ -225,7 +233,9 @@ def fit_law(
         best, simulated = plain, plain.torque
     std, weight = float(motion.torque.std()) or 1.0, search.weight
     held = float(np.sqrt(best.held_out.sum() / weight.sum())) / std
-    refuse_unexplained(recording, motion, rms(simulated - motion.torque) / std, held)
+    nrmse = missed(simulated - motion.torque, motion.torque, weight)
+    ratio = float(np.sqrt(best.held_out.sum() / max(best.loss.sum(), 1e-300)))
+    refuse_unexplained(recording, motion, nrmse, nrmse * ratio)
     warnings += made_motion(recording)
     estimates, effects = outer_numbers(best, scales, recording.units, (0, 3) if offsets else ())
     return FitResult(

@@ -1,9 +1,14 @@
 """Single steps of the command: a lag and a delay of parts of a sample are told apart, and the delay is measured."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.lag_or_delay import DELAY, LAG, StepResponses, more_likely, size_from
+from mrwarp.diagnose import lag_or_delay
+from mrwarp.diagnose.lag_or_delay import DELAY, LAG, StepResponses, decided_by_steps, more_likely, size_from
+from mrwarp.diagnose.problem import Fit
 
 DT = 0.005
 
@@ -55,3 +60,21 @@ def test_without_steps_that_are_late_nothing_is_told() -> None:
         late=0.08 * rng.normal(size=(40, 3)), error=np.full((40, 3), 0.08), trajectory=np.zeros(40, int), dt=DT
     )
     assert more_likely(none) is None
+
+
+@pytest.mark.parametrize(("named", "other"), [(LAG, DELAY), (DELAY, LAG)])
+@pytest.mark.parametrize("told", ["nothing", "too few steps", "one of them", "fits far apart"])
+def test_undecided_is_an_alternative(named: str, other: str, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the steps do not speak, the other one stays an alternative, unless its fit is far behind."""
+    final, without = SimpleNamespace(total=10.0), SimpleNamespace(total=100.0)
+    rival = SimpleNamespace(total=90.0 if told == "fits far apart" else 30.0)
+    found = None if told == "too few steps" else steps(named, 0.004, noise=0.08 if told == "one of them" else 20.0)
+    models: Any = SimpleNamespace(
+        problem=None, added=lambda fit: ["wear", named], without=lambda fit, name: without, grown=lambda fit, c: rival
+    )
+    monkeypatch.setattr(lag_or_delay, "screen", lambda *given: [other])
+    monkeypatch.setattr(lag_or_delay, "find_steps", lambda *given: found)
+    said = decided_by_steps(models, cast(Fit, final), [named, other])
+    assert said.model is final
+    assert said.undecided == (other if told in ("nothing", "too few steps") else None)
+    assert said.excluded == (other if told == "one of them" else None)

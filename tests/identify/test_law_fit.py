@@ -1,14 +1,19 @@
 """Fits with a published law: a foreign device comes back, its zeros per run too, and the model file holds it."""
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.identify import law_fit
+from mrwarp.identify.dataset import Motion
 from mrwarp.identify.fit_report import to_model
-from mrwarp.identify.law_fit import fit_law, model_torque
+from mrwarp.identify.law_fit import LawSearch, fit_law, model_torque
+from mrwarp.identify.parameters import Parameters, jacobian
+from mrwarp.identify.replay import EffectReplay
 from mrwarp.model_file import ModelFileError, load_model, model_from_dict, model_to_dict, save_model
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.recording.write import save_recording
@@ -128,3 +133,23 @@ def test_a_damaged_law_is_refused() -> None:
         with pytest.raises(ModelFileError, match=message):
             model_from_dict({**content, "law": law})
     assert model_from_dict({**content, "law": None}).law is None
+
+
+def test_a_torque_beyond_32_bits_ends_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A vector a step from which the torque overflows has an infinite error, and no search goes there."""
+    motion = Motion.of(kwok_damper(runs=3))
+    search = LawSearch(EffectReplay(motion), 0.0, offsets=False)
+    layout = search.layout(["kwok"])
+    x, far = search.starts(layout)[0], 1.5
+
+    def overflows(replay: EffectReplay, p: Parameters, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        torque, slopes = jacobian(replay, p, y)
+        slopes[-1] = np.inf if y[-1] > x[-1] + far else slopes[-1]
+        return torque, slopes
+
+    monkeypatch.setattr(law_fit, "jacobian", overflows)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        assert search.evaluate(layout, x + 2.0 * far).loss == np.inf
+        found = search.descend(layout, x)
+        assert found.x[-1] <= x[-1] + far and 0.0 < found.loss.sum() <= search.evaluate(layout, x).loss

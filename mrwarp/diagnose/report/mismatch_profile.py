@@ -22,6 +22,11 @@ _WINDOW = 0.3
 _PREFER_PLAIN = 1.3
 """How much more a signed view must show to be taken instead of the plain one."""
 
+_FINE_CELLS = 8192
+"""Cells over the angle in which a repetition is looked for that is finer than the bins."""
+_LINE = 0.1
+"""Share of the mismatch's mean square that it must have; that of noise is a thousandth."""
+
 _CELLS = (16, 12)
 """Cells along the first and the second variable."""
 _LEAST_OF_CELL = 30
@@ -95,7 +100,9 @@ def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
     }
     if variable in plain:
         x, label = plain[variable]
-        return [Axis(label=label, x=x, signs=views)]
+        axis = Axis(label=label, x=x, signs=views)
+        fine = _fine_periods(t) if variable == "q" else 0.0
+        return [axis, folded(axis, fine)] if fine else [axis]
     if variable != "memory":
         return []
     rate, loading, jump = _rate(t.current, t), _rate(t.baseline, t), _jumps(t)
@@ -117,6 +124,20 @@ def folded(angle: Axis, periods: float) -> Axis:
     """The angle within one period of what goes as ``sin(periods * q)``: no bin can alias with it."""
     period = 2.0 * np.pi / periods
     return replace(angle, label=f"{angle.label}, within one period of {period:.3g}", x=angle.x % period)
+
+
+def _fine_periods(t: Traces) -> float:
+    """Of a mismatch that repeats over the angle too often for the bins, how often, times 2 pi; 0 where none does."""
+    q, left = t.q - t.q.min(), t.torque - t.extended
+    seen = np.isfinite(left) if t.counts is None else t.counts
+    reach, left = float(np.ptp(t.q)) or 1.0, left - left[seen].mean()
+    cell = (q / reach * (_FINE_CELLS - 1)).astype(int)
+    sums = np.bincount(cell[seen], weights=left[seen], minlength=_FINE_CELLS)
+    power = np.abs(np.fft.rfft(sums, 4 * _FINE_CELLS)) ** 2
+    power[:_BINS] = 0.0  # four bins to a period show it
+    best = int(np.argmax(power[: 2 * _FINE_CELLS // 3]))
+    share = 2.0 * power[best] / max(seen.sum() * float(left[seen] @ left[seen]), 1e-300)
+    return 0.5 * np.pi * best / (reach * (1.0 - 1.0 / _FINE_CELLS)) if share > _LINE else 0.0
 
 
 def predicted(traces: Traces, units: dict[str, str]) -> Axis:

@@ -14,18 +14,39 @@ if TYPE_CHECKING:
 
 EXPLAINS_NOTHING = 0.9
 """NRMSE from which a model explains next to nothing: four fifths of the torque's variance are left."""
+UNLIKELY = 0.6
+"""Part of the torque's variance that the plainest laws leave from which a model is likely to explain next to nothing:
+hysteresis and weakening, which they lack, bear up to a quarter of it, and the hysteresis of a joint leaves half."""
+_SPIKES = 0.02
+"""Share of the samples, those with the largest errors, that do not count: single spikes are no model's fault."""
 _HARDLY = 100.0
 """Range of the angle, in standard deviations of its noise, below which a joint hardly moves."""
 _NOISY = 0.5
 """Share of the torque's variance that differs from sample to sample from which it is noise mostly."""
 _FOLLOWS = 0.5
 """Share of what plain laws leave of the torque that something must predict if the torque is to follow it."""
+_OPPOSES = 0.2
+"""Negative correlation of a run's torque with its acceleration from which the runs have no inertia in common."""
 _PER_BIN, _BINS = 20, (20, 720)
 """Samples for each bin over the angle, and fewest and most bins: a cogging of 72 per turn has ten bins a period."""
 _BLOCKS = 10
 """Blocks of a run that take turns in predicting each other: a place comes again in both, if it does at all."""
 _SOFT = 0.05
 """Share of the usual speed over which dry friction turns its direction."""
+
+
+def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray | float = 1.0) -> float:
+    """NRMSE by which a model is kept or refused, wherever one is written: single spikes do not count.
+
+    Args:
+        error: Simulated minus measured torque, shape (N,).
+        torque: The measured one, shape (N,).
+        counts: Weight of each sample, shape (N,): 0 where it takes no part.
+    """
+    seen = np.broadcast_to(counts, error.shape) > 0.0
+    size = np.abs(error[seen])
+    plain = size <= np.quantile(size, 1.0 - _SPIKES)
+    return float(np.sqrt(np.mean(size[plain] ** 2))) / (float(torque[seen][plain].std()) or 1.0)
 
 
 def explains_nothing(nrmse: float, data: Dataset, units: Mapping[str, str], *, every_effect: bool = False) -> str:
@@ -57,9 +78,13 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
             f"raise the {quantity('current', units)}, or use a sensor of a smaller range, and try again"
         )
     named = "" if every_effect else "; eq. 14 has no such term: mrwarp diagnose looks for it, and writes the model"
-    rest = _without_plain_laws(data)
+    plain = _plain_laws(data)
+    rest = _rest(plain, data.torque)
     qdd = np.concatenate([np.gradient(data.qd[part], dt) for part, dt in zip(data.parts, data.dt, strict=True)])
-    by_inertia = _followed(rest, _without_plain_laws(data, qdd))
+    moved = _rest(plain, qdd)
+    by_inertia = 0.0
+    if not any(_opposed(plain[part], data.torque[part], qdd[part]) for part in data.parts):
+        by_inertia = _followed(rest, _rest(moved[:, None], rest))
     turn = 2.0 * np.pi / data.scales.q if units["q"] == "rad" else np.inf
     in_all, in_each = (
         _followed(rest, rest - by_place(data.q, rest, data.parts, turn, own=own)) for own in (False, True)
@@ -73,12 +98,24 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
             f"weight's {torque} does{named}"
         )
     if in_each > _FOLLOWS:
+        cogs = float(np.ptp(data.q)) > turn
+        load = "cogging that" if cogs else "a load that depends on the place, such as a weight or a spring, and"
+        differs = f"differs between runs{f', or an {angle} that begins elsewhere in each' if cogs else ''}"
         return (
             f"{100.0 * in_each:.0f} % of what they leave comes again at the same {angle} within each run, but "
-            f"{100.0 * max(in_all, 0.0):.0f} % from run to run: a load that depends on the place, such as a weight "
-            f"or a spring, and differs between runs; keep it the same, or take it out of the {torque}, and try again"
+            f"{100.0 * max(in_all, 0.0):.0f} % from run to run: {load} {differs}; keep it the same, or take it "
+            f"out of the {torque}, and try again"
         )
     return ""
+
+
+def _opposed(plain: np.ndarray, torque: np.ndarray, qdd: np.ndarray) -> bool:
+    """Whether the torque of a run falls where the acceleration rises, all else being equal, as no inertia's does.
+
+    Where a drive holds a speed, cogging makes both its torque and the acceleration, and neither is the other's cause.
+    """
+    left, moved = _rest(plain, torque), _rest(plain, qdd)
+    return float(left @ moved) < -_OPPOSES * float(np.sqrt((left @ left) * (moved @ moved)))
 
 
 def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
@@ -110,13 +147,17 @@ def _followed(whole: np.ndarray, left: np.ndarray) -> float:
     return 1.0 - float(left.var()) / max(float(whole.var()), 1e-300)
 
 
-def _without_plain_laws(data: Dataset, *more: np.ndarray) -> np.ndarray:
-    """The torque without what the plainest laws of a passive joint, and more columns, say, shape (N,)."""
+def _plain_laws(data: Dataset) -> np.ndarray:
+    """Columns of the plainest laws of a passive joint, shape (N, C)."""
     rubs = np.tanh(data.qd / (_SOFT * (float(np.percentile(np.abs(data.qd), 95)) or 1.0)))
     columns = [np.ones_like(rubs), data.qd, rubs, data.q, data.current, data.current * rubs, data.current * data.qd]
-    table = np.column_stack([*columns, *more])
+    return np.column_stack(columns)
+
+
+def _rest(table: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """What columns leave of a quantity, shape (N,)."""
     table = table / np.maximum(np.abs(table).max(axis=0), 1e-300)
-    return data.torque - table @ np.linalg.lstsq(table, data.torque, rcond=1e-9)[0]
+    return x - table @ np.linalg.lstsq(table, x, rcond=1e-9)[0]
 
 
 def by_place(angle: np.ndarray, rest: np.ndarray, runs: Sequence[slice], turn: float, *, own: bool) -> np.ndarray:

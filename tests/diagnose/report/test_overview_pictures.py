@@ -146,3 +146,15 @@ def test_each_of_several_causes_is_shown_by_what_it_takes_away() -> None:
     assert "ogging" in teeth.get_title() and "one period of 0.105" in teeth.get_xlabel()
     before, after = (np.asarray(line.get_ydata()) for line in teeth.get_lines()[1:3])
     assert np.ptp(before) == pytest.approx(0.4, rel=0.1) and np.ptp(after) < 0.05
+
+
+def test_cogging_that_nobody_named_is_shown_within_its_period() -> None:
+    """Forty turns to a run of bins alias: 25 bins over the angle show a tenth of it, those of a period nearly all."""
+    t = made_up.make("none").traces
+    assert t is not None
+    assert len(profiles.axes_of("q", t, UNITS)) == 1  # noise repeats nowhere
+    t = dataclasses.replace(t, torque=t.torque + 0.2 * np.sin(313.0 * t.q))
+    plain, fine = profiles.axes_of("q", t, UNITS)
+    assert f"one period of {2.0 * np.pi / 313.0:.3g}" in fine.label
+    shares = [0.0 if (p := profiles.profile(axis, t)) is None else p.share for axis in (plain, fine)]
+    assert shares[0] < 0.1 and shares[1] > 0.7

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.diagnose.data_checks import doubts
+from mrwarp.diagnose.held_out import HeldOut
+from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing, followed_instead, missed
 from mrwarp.identify.contradictions import contradictions, forewarning, refuse_unexplained
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.fit import fit
@@ -77,3 +81,50 @@ def test_runs_that_others_do_not_predict_are_refused_as_a_diagnosis_refuses_them
     assert "a load that depends on the place" in forewarning(recording)
     two = Recording(trajectories=recording.trajectories[:2])
     refuse_unexplained(two, Dataset.of(two), 0.607, 2.437)
+
+
+def test_spikes_decide_neither_a_fit_nor_a_diagnosis() -> None:
+    """One sample in a hundred is far off: the same error, without it, keeps or refuses a model wherever one is written.
+
+    By all samples the error is 0.5 + 0.01*81 of the variance, that is an NRMSE of 1.1.
+    """
+    rng, count = np.random.default_rng(1), 4000
+    torque = rng.normal(size=count)
+    error = np.where(np.arange(count) % 100 == 50, 9.0, 0.7 * rng.normal(size=count))
+    weight = np.ones(count)
+    weight[:10] = 0.0
+    error[:10] = 1e3  # what does not count
+    left = missed(error, torque, weight)
+    assert 0.6 < left < 0.72 and np.sqrt(np.mean(error[10:] ** 2)) > 1.0
+    squares = np.array([1.2, 1.2])
+    held = HeldOut(baseline=squares, extended=squares, predicted_baseline=torque, predicted_extended=torque + error,
+                   agreed=1.0)  # fmt: skip
+    selection: Any = SimpleNamespace(named=())
+    problem: Any = SimpleNamespace(measured=torque, weight=weight, motion=None, units={})
+    assert doubts(held, selection, problem) == []
+
+
+def cogging_motor(k: int, rng: np.random.Generator) -> Trajectory:
+    """A drive holds a speed over 12 teeth per turn; in even runs it shakes the rotor, in odd ones it holds the teeth.
+
+    Its torque goes with the acceleration in the former and against it in the latter. Each run's angle has its own zero.
+    """
+    t = np.arange(3000) * 1e-3
+    speed, w = 20.0 + 1.7 * k, 12.0
+    q = speed * t + rng.uniform(0.0, 6.0)
+    size, drive = (2e-3, -0.3) if k % 2 == 0 else (4e-4, 0.1)
+    tooth = np.sin(w * q)
+    shaken, qd = q + size * tooth, speed + size * w * speed * np.cos(w * q)
+    torque, zero = drive * tooth + 0.5 + 0.05 * rng.normal(size=len(t)), rng.uniform(0.0, 6.0)
+    return Trajectory(id=f"run{k}", t=t, q=shaken + zero, qd=qd, current=np.zeros(len(t)), torque=torque)
+
+
+def test_cogging_at_constant_speed_is_no_inertia() -> None:
+    """What goes with the acceleration in some runs and against it in others is not said to go with it."""
+    rng = np.random.default_rng(6)
+    # large where it shakes, so that all runs together look like an inertia
+    recording = Recording(trajectories=tuple(cogging_motor(k, rng) for k in range(6)))
+    said = followed_instead(Dataset.of(recording), recording.units)
+    assert "acceleration" not in said and "cogging that differs between runs" in said
+    shaken = Recording(trajectories=recording.trajectories[::2])
+    assert "goes with the acceleration" in followed_instead(Dataset.of(shaken), shaken.units)
