@@ -15,6 +15,7 @@ from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.params import BoucWenParams, HoldParams
 from mrwarp.reproduce.disturbance import two_knees
+from mrwarp.usd.robot import GAIT_FREQUENCY, STAND_HEIGHT
 
 SPEED = 3.0
 """Speed of a pressed calf [rad/s] at which device torques are compared; the pushes of table 4 reach 3 to 4."""
@@ -24,6 +25,12 @@ BENT = -2.0
 
 CURRENTS = (0.5, 1.0, 1.5)
 """Currents of table 4 above 0 [A]."""
+
+STRAIGHTEST = -0.888
+"""Angle of a calf at the end of its range [rad], public Go1 description."""
+
+OUT_OF_REACH = (0.8, 1.0)
+"""Commands that section 7 puts beyond the leg's workspace at 1.5 Hz [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,10 +335,27 @@ def _proximal() -> Check:
     )
 
 
+def _stride() -> Check:
+    hip = STAND_HEIGHT - two_knees.SOLE
+    longest = 2.0 * two_knees.LINK * math.cos(0.5 * STRAIGHTEST)
+    reach = 2.0 * math.sqrt(longest**2 - hip**2)
+    asked = [0.5 * speed / GAIT_FREQUENCY for speed in OUT_OF_REACH]
+    return Check(
+        title="Section 7: stride lengths.",
+        arithmetic=(
+            f"In half a stride of {GAIT_FREQUENCY:g} Hz a foot on the ground passes {asked[0]:.2f} m under its hip at "
+            f"{OUT_OF_REACH[0]:g} m/s and {asked[1]:.2f} m at {OUT_OF_REACH[1]:g}, which section 7 puts beyond the "
+            f"workspace. A leg of the public description whose hip stays {hip:.2f} m above its foot reaches "
+            f"{reach:.2f} m, so geometry alone does not end the gait."
+        ),
+        figures={"reach": reach, "slow": asked[0], "fast": asked[1]},
+    )
+
+
 def all_checks() -> list[Check]:
     """Every check, in the paper's order."""
     checks = (
         *(_capacity, _bias, _two_tables, _falling_mass, _momentum, _spring, _required, _figures_6_and_7),
-        *(_acceleration, _claims_of_table6, _two_digits, _charge, _proximal),
+        *(_acceleration, _claims_of_table6, _two_digits, _charge, _proximal, _stride),
     )
     return [check() for check in checks]

@@ -39,7 +39,7 @@ from mrwarp.study.plan import (
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, Variant, body_extremes
 from mrwarp.trials.statistics import half_width
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
-from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, JOINTS
+from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, HIP_COLUMNS
 
 COMMAND = "mrwarp study current"
 
@@ -72,9 +72,6 @@ HOLD_SPEED = 1.0
 """Speed below which the devices of the arm ``learned`` may hold [rad/s], five times the paper's: whether a joint is
 held is the policy's choice, which commands no current where it wants none. Those of ``latched`` have it too, and the
 latch of a commanded gate, at the current of ``fixed``: what ``learned`` saves against it is the command's alone."""
-
-WIDE = ("latched", "learned")
-"""Arms whose gates are so wide."""
 
 SETTLING = 256, 750
 """Environments and updates of the last step in which ``policies/energy`` were trained, with :data:`LEARNING` and the
@@ -138,7 +135,7 @@ def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> EnvCfg:
     current = 0.0 if arm in ROBOT else fixed if arm in gates else CURRENT_GROUPS[-1]
     return replace(
         env,
-        hold_speed=HOLD_SPEED if arm in WIDE else None,
+        hold_speed=HOLD_SPEED if arm in ("latched", "learned") else None,
         currents=(current,),
         current=command,
         coil_lag=cfg.coil_lag,
@@ -277,10 +274,6 @@ def _measure(
         "peak_down_velocity": float(extremes["peak_down_velocity"].mean()),
         "calf_rise": _rise(loaded, electrical, heat),
     }
-
-
-HIP_COLUMNS = tuple(k for k, name in enumerate(JOINTS) if name.endswith("_hip"))
-"""Joints that swing a leg to the side."""
 
 
 def _only(load: JointLoad, joints: Sequence[int]) -> JointLoad:

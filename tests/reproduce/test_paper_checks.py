@@ -76,3 +76,15 @@ def test_other_checks() -> None:
     powers = {robot: paper.MISSION_POWER[robot] for robot in ("mr_go", "mr_go_sal")}
     joules = {r: 500.0 * (p["outbound"] + p["return"]) + 600.0 * p["standby"] for r, p in powers.items()}
     assert figures("Figure 10")["energy_ratio"] == pytest.approx(joules["mr_go_sal"] / joules["mr_go"])
+
+
+def test_a_stance_of_one_metre_a_second_lies_within_the_leg() -> None:
+    """Both ends of the stroke by thigh and calf, the calf at the end of its range."""
+    found = figures("Section 7")
+    thigh = np.linspace(-0.7, 4.5, 20001)
+    calf = paper_checks.STRAIGHTEST
+    down = two_knees.LINK * (np.cos(thigh) + np.cos(thigh + calf))
+    along = two_knees.LINK * (np.sin(thigh) + np.sin(thigh + calf))
+    level = along[np.abs(down - (0.334 - two_knees.SOLE)) < 2e-4]
+    assert found["reach"] == pytest.approx(level.max() - level.min(), abs=2e-3)
+    assert found["fast"] == pytest.approx(1.0 / 3.0) and found["slow"] < found["fast"] < found["reach"]
