@@ -271,7 +271,7 @@ CLAIMS = (
     Claim(
         id="paper.deceleration",
         place="Table 5, row D; table 4",
-        says="|a_z - g| of 0.852 m/s² over 0.1 s beside a peak velocity of 0.428 m/s",
+        says="|a_z - g| of 0.852 m/s² over 0.1 s next to a peak velocity of 0.428 m/s",
         excluded=True,
         why="0.852 m/s² over 0.1 s allow 0.085 m/s.",
     ),
@@ -387,7 +387,7 @@ CLAIMS = (
     Claim(
         id="paper.charge",
         place="Figure 10",
-        says="powers of MR_Go-SAL at 0.73 of MR_Go's beside 0.885 of its charge",
+        says="powers of MR_Go-SAL at 0.73 of MR_Go's next to 0.885 of its charge",
         excluded=True,
         why="At equal speeds the paper's powers deplete 45 points, not 52.5 ± 2.0.",
     ),

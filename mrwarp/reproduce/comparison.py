@@ -1,4 +1,4 @@
-"""What an entry of the report found: figures of the paper beside ours, claims, notes, tables and pictures."""
+"""What an entry of the report found: figures of the paper next to ours, claims, notes, tables and pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BRAKE = "; brake constraint"
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """One figure of the paper beside ours."""
+    """One figure of the paper next to ours."""
 
     condition: str
     """What was done, e.g. ``MR_Go-SAL, 3 kg, 0.3 m/s``."""

@@ -206,7 +206,7 @@ def fig11(job: Job) -> Findings:
             "mission.calf_heat/change": _relief(found),
             "mission.all_heat": _price(found),
         },
-        pictures={"temperature.png": "Motor temperatures over the mission, and rises beside the paper's (diamonds)"},
+        pictures={"temperature.png": "Motor temperatures over the mission, and rises next to the paper's (diamonds)"},
         figures={"changes": changes},
     )
 

@@ -122,7 +122,7 @@ def pages(root: Path = ROOT) -> list[Path]:
 
 
 def filled(text: str, content: Mapping[str, Any], where: str) -> str:
-    """A page with its blocks written anew.
+    """A page with its blocks written again.
 
     Raises:
         ValueError: a block has no such name; ``where`` names the page.
@@ -140,7 +140,7 @@ def filled(text: str, content: Mapping[str, Any], where: str) -> str:
 
 
 def fill(root: Path = ROOT, *, check: bool = False) -> list[Path]:
-    """Write the blocks of all pages anew, or only ``check`` them; returns the pages that differed."""
+    """Write the blocks of all pages again, or only ``check`` them; returns the pages that differed."""
     content, differing = read(root), []
     for path in pages(root):
         text = path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Figures that were foretold before anybody had run them: intervals frozen in a commit, then one run, hits and misses.
+"""Figures that were predicted before anybody had run them: intervals frozen in a commit, then one run, hits and misses.
 
 The rule, which stood before the run. A prediction's centre is what was measured, carried over by a closed form; its
 half width is that of a 90 % interval by Student's t over training seeds, of which one in ten is missed by chance:
@@ -248,7 +248,7 @@ class Trials:
 
 
 def simulate(job: Job) -> Findings:
-    """Walk and hit what was foretold of table 6's and table 4's policies."""
+    """Walk and hit what was predicted of table 6's and table 4's policies."""
     came: dict[str, dict[str, float]] = {}
     for k, (name, part) in enumerate((("loads and gait", _walked), ("drops", _dropped))):
         job.report(name, k / 2.0)
@@ -258,7 +258,7 @@ def simulate(job: Job) -> Findings:
 
 
 def compute(job: Job) -> Findings:
-    """What was foretold beside what came: hits and misses. New training seeds are walked here."""
+    """What was predicted, and what came: hits and misses. New training seeds are walked here."""
     trials = job.load("unseen", Trials).came
     came = {(condition, name): value for condition, found in trials.items() for name, value in found.items()}
     came |= _trained(job)
@@ -267,7 +267,7 @@ def compute(job: Job) -> Findings:
 
 
 def findings(pairs: list[tuple[Prediction, float | None]]) -> Findings:
-    """The table of predictions beside what came; None has not been run."""
+    """The table of predictions and what came; None has not been run."""
     rows = []
     run = [(each, value) for each, value in pairs if value is not None]
     for each, value in pairs:
@@ -296,7 +296,7 @@ def findings(pairs: list[tuple[Prediction, float | None]]) -> Findings:
         tables=[
             TextTable(
                 title=f"Frozen before they were run: {most}{left}",
-                head=["condition", "quantity", "foretold", "came", ""],
+                head=["condition", "quantity", "predicted", "came", ""],
                 rows=rows,
                 id="frozen",
             )

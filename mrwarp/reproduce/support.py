@@ -40,7 +40,7 @@ class Choice:
     params: tuple[tuple[str, float], ...] = ()
     """MR parameters that differ."""
     fixed: float | None = None
-    """Support current that does not change from step to step [A], section 5.2; None computes it anew every step."""
+    """Support current that does not change from step to step [A], section 5.2; None computes it again every step."""
 
     def set(self, env: WalkEnv, robots: Sequence[str]) -> None:
         """Give the devices their parameters."""

@@ -1,4 +1,4 @@
-"""How a claim of the paper fares: its figures beside ours, and the rule that judges them.
+"""How a claim of the paper fares: its figures next to ours, and the rule that judges them.
 
 Judged from the figures of ``docs/results/paper.json`` alone; nothing is simulated here and no engine is loaded.
 """
@@ -56,7 +56,7 @@ IN_VIEW = frozenset(
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A figure of the paper beside ours."""
+    """A figure of the paper next to ours."""
 
     paper: float
     paper_sd: float | None = None
@@ -248,7 +248,7 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """A claim beside its figures and its verdict."""
+    """A claim with its figures and its verdict."""
 
     claim: Claim
     figures: Sequence[Figure]
@@ -301,7 +301,7 @@ def _verdict(claim: Claim, found: Results, figures: Sequence[Figure]) -> tuple[V
 
 
 def _apart(a: Figure, b: Figure) -> bool:
-    """Whether the paper tells two of its figures apart."""
+    """Whether two of the paper's figures differ by more than their spread."""
     spread = math.hypot(a.paper_sd or 0.0, b.paper_sd or 0.0) or NEAR * max(abs(a.paper), abs(b.paper))
     return abs(a.paper - b.paper) > spread
 

@@ -182,7 +182,7 @@ def _lost(saved: Saving, alone: str) -> str:
 
 
 def _held(saved: Saving) -> str:
-    """The held share beside the paper's, with brakes that stick."""
+    """The held share next to the paper's, with brakes that stick."""
     assert saved.paper is not None
     held = paper.TABLE_7[int(saved.payload), saved.command]["hardware"]
     return (
@@ -284,7 +284,7 @@ def carrying(results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTab
 
 
 def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTable, str]:
-    """What holding saves by closed form, from standing and the held share, beside what is saved: the paper's and ours.
+    """What holding saves by closed form, from standing and the held share, next to what is saved: the paper's and ours.
 
     Returns:
         The table, all figures in percent of MR_Go's power, and a note on how far either saving follows the form.
@@ -325,7 +325,7 @@ def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: E
         "ours saves",
         "closed form: our standing, our shares",
     ]
-    title = "What holding saves by closed form, 4 a S (m/m0)^2, beside what is saved [% of MR_Go's power]"
+    title = "What holding saves by closed form, 4 a S (m/m0)^2, next to what is saved [% of MR_Go's power]"
     return TextTable(title=title, head=head, rows=rows, id="closed_form"), text
 
 
@@ -357,7 +357,7 @@ def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
 
 
 def table7(job: Job) -> Findings:
-    """Mean activation over the calves beside the paper's simulation and hardware."""
+    """Mean activation over the calves next to the paper's simulation and hardware."""
     walked = walks.read(job)
     rows, share, claims = _activation(walked, "both", {"hardware": "paper's hardware"})
     simulated, *_ = _activation(walked, "as_commanded", {"simulation": "paper's simulation"})
@@ -377,7 +377,7 @@ def table7(job: Job) -> Findings:
 def _activation(
     walked: Walks, variant: str, sources: dict[str, str]
 ) -> tuple[list[Comparison], dict[tuple[float, float], float], list[Claimed]]:
-    """Rows of a variant beside the paper's sources by their names there, our shares of time [%], and the claims."""
+    """Rows of a variant next to the paper's sources by their names there, our shares of time [%], and the claims."""
     rows, share = [], {}
     results = [result for result in walked.results[variant] if result.robot == "mr_go_sal"]
     for result in results:

@@ -1,8 +1,8 @@
 """Who should command the coils: gates at a fixed current, a law, or the policy; all with the same budget and price.
 
 Every arm goes on from the policy of its robot and training seed, for as many updates, and pays the same price per watt,
-coils included; coils lag. Then all are walked and pushed alike. Further prices show what power can be had for what
-tracking and what drop under a push.
+coils included; coils lag. Then all are walked and pushed in the same way. Further prices show what power can be had
+for what tracking and what drop under a push.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def run(
 
 
 def _asked(cfg: CurrentsCfg) -> dict[str, Any]:
-    """What measured figures hang on beside the folder."""
+    """What measured figures depend on, but for the folder."""
     names = ("coil_lag", "iterations", "trials", "distance", "pushes", "power_price")
     return {name: getattr(cfg, name) for name in names}
 

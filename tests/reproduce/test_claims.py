@@ -48,7 +48,7 @@ EFFECT = {"effect": True, "measure": rows("part", "x", "a")}
     [((1.0, 2.1), Verdict.REPRODUCED), ((1.0, 3.0), Verdict.DIRECTION), ((2.0, 1.0), Verdict.NOT)],
 )
 def test_levels_are_judged_by_agreement_then_by_order(ours: tuple[float, float], verdict: Verdict) -> None:
-    """The paper tells its two figures apart: their order is the direction."""
+    """The paper's two figures differ by more than their spread: their order is the direction."""
     found = results(("a", 1.0, 0.1, ours[0], 0.1), ("b", 2.0, 0.1, ours[1], 0.1))
     assert judge(claim(), found).verdict is verdict
     assert judge(claim(), found).mark is Mark.PREDICTED
@@ -112,7 +112,7 @@ def test_levels_of_the_same_seeds_are_told_apart_seed_by_seed() -> None:
 
 
 def test_calibrated_figures_are_neither_hit_nor_miss() -> None:
-    """A claim of them alone is calibrated, however far it is off; beside others they take no part."""
+    """A claim of them alone is calibrated, however far it is off; next to others they take no part."""
     fitted = judge(claim(), results(("a", 1.0, None, 5.0, None), ("b", 2.0, None, 1.0, None), calibrated=True))
     assert fitted.verdict is Verdict.CALIBRATED and fitted.mark is Mark.CALIBRATED
     assert pages.claim_row(fitted)[-3:-1] == ["calibrated", ""]

@@ -95,7 +95,7 @@ def test_a_robot_stands_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
 
 
 def test_figure11_tells_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Ours beside table 7's, whichever is longer; without ours, neither."""
+    """Ours next to table 7's, whichever is longer; without ours, neither."""
     traces = {robot: trace(robot, share=1.1) for robot in paper.ROBOTS}
     why = row(made(fig11, monkeypatch, tmp_path, traces, held=0.2), "MR_Go, calves, both walks", "rise").why
     assert "at 3 kg and 0.3 m/s are held for 20 % of the time and the paper's for 26 % (table 7)" in why

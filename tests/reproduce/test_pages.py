@@ -27,7 +27,7 @@ def test_committed_pages_are_those_of_the_committed_results() -> None:
 
 
 def test_collected_results_keep_figures_alone(tmp_path: Path) -> None:
-    """Six digits, without reasons of rows; command and versions beside. Another run adds its entries."""
+    """Six digits, without reasons of rows; command and versions with them. Another run adds its entries."""
     (tmp_path / "run").mkdir()
     (tmp_path / "docs/results").mkdir(parents=True)
     result = {"parts": {"table2": PART}, "command": "mrwarp reproduce table2 --out x", "versions": {"mrwarp": "1"}}
@@ -82,7 +82,7 @@ def test_studies_are_entries_of_their_own(tmp_path: Path) -> None:
 
 
 def test_fill_writes_blocks_and_check_sees_a_changed_figure(tmp_path: Path) -> None:
-    """A block is written anew, the text around it stays."""
+    """A block is written again, the text around it stays."""
     (tmp_path / "docs/results").mkdir(parents=True)
     (tmp_path / pages.RESULTS).write_text(json.dumps({"parts": {"table2": PART}}))
     page = tmp_path / "README.md"

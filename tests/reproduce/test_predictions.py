@@ -61,7 +61,7 @@ def test_misses_are_told() -> None:
 
 
 def test_a_wide_interval_is_said_to_prove_little() -> None:
-    """One of a third of its value, or about zero, beside one of a fifth; a miss stays a miss."""
+    """One of a third of its value, or about zero, next to one of a fifth; a miss stays a miss."""
     about_zero = replace(WIDE, centre=0.0, half_width=0.01)
     found = predictions.findings([(WIDE, 3.4), (WIDE, 3.6), (about_zero, 0.0), (NARROW, 3.2), (NARROW, 3.4)])
     assert [row[-1] for row in found.tables[0].rows] == [

@@ -177,7 +177,7 @@ def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
 
 
 def test_lost_trials_of_every_walk_are_told(tmp_path: Path) -> None:
-    """Also of those that only a table beside the rows reads."""
+    """Also of those that only a table next to the rows reads."""
     found = walks.read(job(folder(tmp_path)))
     fallen = [walked("mr_go_sal", 3.0, 0.5, TRIALS[1:])]
     found.results.update(no_power_price=fallen, both=fallen)

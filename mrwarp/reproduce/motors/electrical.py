@@ -20,7 +20,7 @@ from mrwarp.trials.walk_trials import WalkResult
 
 
 def compute(job: Job) -> Findings:
-    """Reduction of COT per condition with one number at the ends of its range, calibrated anew on Go1 each time.
+    """Reduction of COT per condition with one number at the ends of its range, calibrated again on Go1 each time.
 
     Raises:
         ValueError: Go1 arrived in fewer than three conditions.
@@ -64,8 +64,8 @@ def compute(job: Job) -> Findings:
     return Findings(
         notes=[
             "Each assumed number stands at the ends of its plausible range, with the calibrated ones fitted "
-            "anew to Go1's rows; each of these stands at the ends of its 95 % interval, with the others fitted "
-            f"anew.{span}",
+            "again to Go1's rows; each of these stands at the ends of its 95 % interval, with the others fitted "
+            f"again.{span}",
             f"Standing, the paper's Go1 draws {consistency.STANDING:.1f} W more than its MR_Go on held calves, ours "
             f"{standing:.1f} W: the calves' copper {held:.1f} W, less coils and controllers. With calves without extra "
             f"gear it would be {ungeared:.1f} W.",
@@ -82,7 +82,7 @@ def _percent(share: float) -> str:
 
 
 def budget(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: ElectricalCfg) -> TextTable:
-    """The calves' copper of MR_Go beside what the paper's saving would need of it, and what SAL costs elsewhere."""
+    """The calves' copper of MR_Go next to what the paper's saving would need of it, and what SAL costs elsewhere."""
     walked = {(r.robot, *r.cell): r for r in results}
     head = [
         "condition",
