@@ -344,7 +344,7 @@ def _stride() -> Check:
         title="Section 7: stride lengths.",
         arithmetic=(
             f"In half a stride of {GAIT_FREQUENCY:g} Hz a foot on the ground passes {asked[0]:.2f} m under its hip at "
-            f"{OUT_OF_REACH[0]:g} m/s and {asked[1]:.2f} m at {OUT_OF_REACH[1]:g}, which section 7 puts beyond the "
+            f"{OUT_OF_REACH[0]:g} m/s and {asked[1]:.2f} m at {OUT_OF_REACH[1]:g}. Section 7 puts these beyond the "
             f"workspace. A leg of the public description whose hip stays {hip:.2f} m above its foot reaches "
             f"{reach:.2f} m, so geometry alone does not end the gait."
         ),
