@@ -84,7 +84,11 @@ def test_a_shaft_behind_stops_or_a_spring_bears_what_these_bear(law: str) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", BEHIND)
 def test_an_effect_behind_the_encoder_has_the_share_that_was_asked_for(effect: str) -> None:
-    """A dead zone or a spring whose change of the torque is a tenth of it, to a few per cent."""
+    """A dead zone or a spring whose change of the torque is a tenth of it.
+
+    The strength is found by three steps in proportion. Where the change grows with the strength's power p, each leaves
+    1 - p of the error's logarithm: with p from 0.5 to 1.5 and a first guess three times off, 1.1*0.125 = 14 %.
+    """
     case = make_foreign(effect, "guo", share=0.1, seed=3, size="small")
     with_it, without = (simulate(d, case.motion).torque for d in (case.device, case.device.with_effects({})))
     assert np.sqrt(np.mean((with_it - without) ** 2)) == pytest.approx(0.1 * np.sqrt(np.mean(without**2)), rel=0.15)
