@@ -25,6 +25,9 @@ except ImportError:  # Windows has no such locks: there two runs in one folder a
 SCHEMA = 1
 """Version of the layout of ``result.json``."""
 
+NOT_FINAL = "not final: the run was stopped, or still goes on"
+"""State of a ``result.json`` that holds a first answer, for refusals."""
+
 LIBRARIES = "mrwarp warp-lang newton mujoco mujoco-warp torch rsl-rl-lib numpy scipy usd-core safetensors".split()
 """Libraries whose versions a result names."""
 
@@ -163,6 +166,11 @@ def write_result(out: Path, figures: dict[str, Any], *, seed: int, command: str)
     """
     content = {"schema": SCHEMA, **figures, "seed": seed, "versions": versions(), "command": command}
     return write_text(out / "result.json", json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+
+
+def is_not_final(result: Any) -> bool:
+    """Whether the content of a ``result.json`` is a first answer, as ``mrwarp diagnose`` writes it early."""
+    return isinstance(result, Mapping) and result.get("final") is False
 
 
 def plain(value: Any) -> Any:

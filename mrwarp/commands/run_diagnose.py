@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from mrwarp.diagnose.result import Diagnosis
     from mrwarp.model_file import Model
     from mrwarp.recording.data import Recording
+    from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +52,9 @@ class Diagnose(opt.LogOptions):
     """moving average [s] that q and torque of --predict passed before they were published; 0 is none"""
     impact: opt.Flag = False
     """also show what the extension changes when a walking robot is hit"""
+    quick: opt.Flag = False
+    """stop at the first answer, within seconds: result.json with "final": false and the likeliest causes under
+    "suspects"; nothing is checked, no model, no report (exit code 0)"""
     learn: opt.Flag = False
     """also train a residual on top of baseline and extension (minutes)"""
 
@@ -60,7 +64,11 @@ class Diagnose(opt.LogOptions):
     """save that view as a recording"""
 
     def run(self, line: CommandLine) -> int:
-        """0 when the report is written, 2 on bad input, 130 after Ctrl-C; before the verdict nothing is written."""
+        """0 when the report is written, 2 on bad input, 130 after Ctrl-C; the first answer is written at once.
+
+        With ``--quick`` 0 when that is written.
+        """
+        self._check_quick()
         self._check_out()
         from mrwarp.robot_logs.robot_log import is_robot_log
 
@@ -82,7 +90,9 @@ class Diagnose(opt.LogOptions):
 
             written: list[str] = []
             with Countdown(progress) as log:
-                diagnosis = self._diagnose(*given, log)
+                diagnosis = self._diagnose(*given, log, lambda early: self._answered(early, line, written))
+                if not diagnosis.final:
+                    return self._said_early(lines(diagnosis, {}), progress.seconds)
                 with _undisturbed():
                     written = self._write(diagnosis, line, {})
                 besides, tables = self._besides(diagnosis, given[1], log)
@@ -138,7 +148,12 @@ class Diagnose(opt.LogOptions):
             robot = robot_of(log, self.robot)
             if self.policy is not None:
                 check_walker(self.policy, robot, log.base)
-            d = diagnose_log(robot, log, device=self.device, progress=progress)
+            d = diagnose_log(
+                robot, log, device=self.device, progress=progress,
+                answered=lambda early: self._answered_robot(early, line, written),
+            )  # fmt: skip
+            if not d.final:
+                return self._said_early(lines(d), progress.seconds)
             walked = None
             if self.policy is not None and d.causes:
                 walked = walk_change(d, self.policy, seed=self.seed, progress=progress)
@@ -179,6 +194,37 @@ class Diagnose(opt.LogOptions):
             print(f"recording: {self.rrd}; open it with: rerun {self.rrd}")
         return 0
 
+    def _check_quick(self) -> None:
+        """Refuse with ``--quick`` what needs a verdict."""
+        later = {"--predict": self.predict, "--impact": self.impact, "--learn": self.learn, "--policy": self.policy,
+                 "--live": self.live, "--rrd": self.rrd}  # fmt: skip
+        if self.quick and (option := next((name for name, given in later.items() if given), "")):
+            raise ValueError(f"{option}: needs a verdict, and --quick stops before it; leave one of them out")
+
+    def _answered(self, early: Diagnosis, line: CommandLine, written: list[str]) -> bool:
+        """Write the first answer, and name it in ``written``; whether the diagnosis is to go on."""
+        with _undisturbed():
+            self._write(early, line, {})
+            written[:] = [_EARLY]
+        return not self.quick
+
+    def _answered_robot(self, early: RobotDiagnosis, line: CommandLine, written: list[str]) -> bool:
+        """The same of a robot's log."""
+        from mrwarp.robot_logs.extended_robot import WRITTEN
+        from mrwarp.robot_logs.report.log_pictures import NAMES
+
+        with _undisturbed():
+            self._clear(NAMES, [name for name in WRITTEN if not _same_file(self.out / name, early.model.path)])
+            early.write(self.out, str(line), seed=self.seed)
+            written[:] = [_EARLY]
+        return not self.quick
+
+    def _said_early(self, said: Iterable[str], seconds: float) -> int:
+        """Print a first answer that ends a run, and where it is; the exit code."""
+        print("\n".join(said))
+        print(f"\n{_EARLY} in {self.out} ({seconds:.0f} s); without --quick it is checked")
+        return 0
+
     def _check_out(self) -> None:
         """Refuse before minutes of work what could not be written after them."""
         check_writable(self.out)
@@ -209,7 +255,12 @@ class Diagnose(opt.LogOptions):
         return recording, unseen, model
 
     def _diagnose(
-        self, recording: Recording, _: Recording | None, model: Model | None, progress: Callable[[str], None]
+        self,
+        recording: Recording,
+        _: Recording | None,
+        model: Model | None,
+        progress: Callable[[str], None],
+        answered: Callable[[Diagnosis], bool],
     ) -> Diagnosis:
         from mrwarp.diagnose.pipeline import diagnose
         from mrwarp.identify.fit import read_holding
@@ -219,8 +270,9 @@ class Diagnose(opt.LogOptions):
         if holding is None and (model is None or not model.holding_measured):
             progress(HOLDING_NOTE)
         return diagnose(
-            recording, model=model, holding=holding, seed=self.seed, progress=progress, threads=min(core_count(), 8)
-        )
+            recording, model=model, holding=holding, seed=self.seed, progress=progress, answered=answered,
+            threads=min(core_count(), 8),
+        )  # fmt: skip
 
     def _besides(
         self, d: Diagnosis, unseen: Recording | None, progress: Callable[[str], None]
@@ -263,7 +315,7 @@ class Diagnose(opt.LogOptions):
         from mrwarp.diagnose.report.overview_pictures import NAMES
         from mrwarp.model_file import save_model
 
-        self._clear(NAMES)
+        self._clear(NAMES, () if d.model is not None else ("model.json",))
         names = ["result.json"]
         if d.model is not None:
             save_model(d.model, self.out / "model.json")
@@ -271,10 +323,19 @@ class Diagnose(opt.LogOptions):
         d.write(self.out, str(line), besides, model_name="model.json" if d.model is not None else "")
         return names
 
-    def _clear(self, pictures: Iterable[str]) -> None:
-        """Remove page and pictures of an earlier diagnosis, which would be taken for this one's."""
-        for path in (self.out / "report.html", *(self.out / "pictures" / f"{name}.png" for name in pictures)):
+    def _clear(self, pictures: Iterable[str], models: Iterable[str] = ()) -> None:
+        """Remove page, pictures and ``models`` of an earlier diagnosis, which would be taken for this one's."""
+        drawn = (f"pictures/{name}.png" for name in pictures)
+        for path in (self.out / name for name in ("report.html", *drawn, *models)):
             path.unlink(missing_ok=True)
+
+
+_EARLY = "result.json (not final)"
+"""How a first answer is named where it is all that was written."""
+
+
+def _same_file(a: Path, b: Path) -> bool:
+    return a.exists() and b.exists() and a.samefile(b)
 
 
 @contextlib.contextmanager

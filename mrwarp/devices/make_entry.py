@@ -16,7 +16,7 @@ from mrwarp.options.json_file import read_json_file
 from mrwarp.params import MrParams
 from mrwarp.recording.data import Recording, quantity
 from mrwarp.recording.load import RecordingError
-from mrwarp.run_dir import plain, versions, write_text
+from mrwarp.run_dir import NOT_FINAL, is_not_final, plain, versions, write_text
 
 PAPER = "paper"
 """Name of the paper's device, whose recordings are not public: its numbers are those that the paper states."""
@@ -53,6 +53,8 @@ def make_device(name: str, library: Path, results: Path, recording: Recording) -
     result = read_json_file(results / "result.json", remedy)
     if not isinstance(result, dict) or not ("held_out_nrmse" in result or isinstance(result.get("extended"), dict)):
         raise ValueError(f"{results}: holds no error on unseen runs; {remedy}, with --law where it is fit")
+    if is_not_final(result):
+        raise ValueError(f"{results}: its result.json is {NOT_FINAL}; let 'mrwarp diagnose' come to its end")
     model = load_model(results / "model.json")
     runs = recording.trajectories
     read = result.get("data", result)

@@ -117,7 +117,7 @@ def choose_law(
         What was compared, or None where there was no need; the problem without the zeros that moved; the baseline.
     """
     motion = problem.motion
-    if len(motion.parts) < _FEW or base.parameters.law or not structured(problem, base):
+    if not may_follow_another_law(problem, base):
         return None, problem, base
     log(f"other hysteresis laws: {', '.join(law.title for law in HYSTERESIS.values())}")
     small = motion.stretches(_SAMPLES, _RUNS)
@@ -175,6 +175,11 @@ def choose_law(
     log(f"the hysteresis has another shape: {choice.title}")
     layout = problem.parameters([name for name in found.layout.effects if name not in inertia])
     return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
+
+
+def may_follow_another_law(problem: Problem, base: Fit) -> bool:
+    """Whether the laws are compared: of some trajectories, where eq. 14 leaves much, and no other law is known."""
+    return len(problem.motion.parts) >= _FEW and not base.parameters.law and structured(problem, base)
 
 
 def structured(problem: Problem, base: Fit) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -22,6 +22,7 @@ from mrwarp.diagnose.baseline import (
 from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
+from mrwarp.diagnose.first_answer import being_checked, first_answer
 from mrwarp.diagnose.held_out import account_of, hold_out, not_foretold
 from mrwarp.diagnose.law_choice import choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
@@ -54,6 +55,7 @@ def diagnose(
     effects: Collection[str] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    answered: Callable[[Diagnosis], bool] = lambda answer: True,
     threads: int = 1,
 ) -> Diagnosis:
     """Find what eqs. 14 and 15 get wrong about a recording, and why.
@@ -67,6 +69,7 @@ def diagnose(
         effects: Effects that may be named, of the catalogue; None: all of it.
         seed: Seed of every draw (starts, resampling).
         progress: Takes a line on what is being done.
+        answered: Takes the first answer, which is not final; the diagnosis ends with it where that returns False.
         threads: CPU threads of the replay.
     """
     log = progress or (lambda text: None)
@@ -87,6 +90,10 @@ def diagnose(
     candidates = _candidates(first, base, effects)
     log(f"{len(candidates)} effects as candidates")
     screened = screen_candidates(first, base, candidates)
+    answer = first_answer(recording, first, base, screened, faults=faults, begun=begun, seed=seed)
+    log(being_checked(answer.sentence))
+    if not answered(answer):
+        return answer
     choice, other, other_base = choose_law(first, base, screened, [run.id for run in recording.trajectories], log)
     if choice is not None and choice.offsets:
         faults = (*faults, zeros_about(recording, choice.offsets, choice.moved))

@@ -312,7 +312,7 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         return _HIDDEN_BY_PLAY
     if effect == "temperature_drift":
         value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
-    if effect in _POSITIVE and value <= 0.0:
+    if would_be_negative(effect, value):
         return f"it would be negative: {_POSITIVE[effect]}"
     if effect == "stribeck" and fit.parameters.values(fit.x)[effect]["stribeck_speed"] > _LOW_SPEED * ranges.qd:
         return "it would act at nearly all speeds, and Stribeck friction is a matter of low ones"
@@ -321,6 +321,11 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         return "it would act in less than half of the runs, at the ends of the widest ways only"
     borne = float(bears[counts].std() / max(torque[counts].std(), 1e-12))
     return f"it would bear {borne:.2g} times the torque, which another term takes back" if borne > 1.0 else ""
+
+
+def would_be_negative(effect: str, value: float) -> bool:
+    """Whether the first number of an effect has a sign that no device has."""
+    return effect in _POSITIVE and value <= 0.0
 
 
 def without_effect(problem: Problem, fit: Fit, effect: str) -> np.ndarray:

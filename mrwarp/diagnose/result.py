@@ -185,6 +185,8 @@ class Diagnosis:
     verdict: Verdict | None
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""
     sentence: str
+    final: bool = True
+    """False: a first answer, whose suspects are what looks likeliest; nothing is checked, and there is no model."""
     law: LawChoice | None = None
     """The hysteresis law of the baseline and what it was compared with; None: no comparison was needed."""
     recording_faults: tuple[RecordingFault, ...] = ()
@@ -251,7 +253,7 @@ class Diagnosis:
         gain = {"rmse_reduction": None, "ci95": (None, None), "held_out": (), "per_regime": {}}
         if self.gain is not None:
             gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
-        plain = ("verdict", "seconds", "sentence", "cannot_know", "invisible", "notes")
+        plain = ("verdict", "final", "seconds", "sentence", "cannot_know", "invisible", "notes")
         rows = ("recording_faults", "causes", "suspects", "parameter_shift", "tried")
         parts = ("unexplained", "baseline", "next_experiment", "account", "accounting")
         return {

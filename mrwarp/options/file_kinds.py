@@ -9,6 +9,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from mrwarp.run_dir import NOT_FINAL, is_not_final
+
 MAX_JSON = 2**26
 """Longest JSON that is parsed to name it [bytes]: a result.json of a long training has a few megabytes."""
 
@@ -76,6 +78,8 @@ def refuse_other_kind(path: Path, option: str) -> None:
         inside = path / "model.json"
         if wanted == "model.json":
             near = f"did you mean {inside}?" if inside.is_file() else _REMEDY[wanted]
+            if not inside.is_file() and (early := _not_final(path / "result.json")):
+                near = f"{early}; {near}"
             raise ValueError(f"{path}: is a folder, no model.json; {near}")
         return
     kind, name = kind_of(path)
@@ -86,6 +90,12 @@ def refuse_other_kind(path: Path, option: str) -> None:
     remedy = f"did you mean {sibling}?" if wanted == "model.json" and sibling.is_file() else _REMEDY[wanted]
     article = "no" if wanted in ("policy", "checkpoint", "network", "robot", "USD file") else "not a"
     raise ValueError(f"{path}: is {name}, {article} {wanted}; {remedy}")
+
+
+def _not_final(path: Path) -> str:
+    """That a file is a result which is not final, for a refusal; empty where it is not, or not there."""
+    kind, name = kind_of(path)
+    return f"{path.name} in it is {NOT_FINAL}" if kind == "result.json" and name.endswith(NOT_FINAL) else ""
 
 
 def kind_of(path: Path) -> tuple[str, str]:
@@ -112,7 +122,8 @@ def _json_kind(content: Any) -> tuple[str, str]:
         if all(key in content for key in keys):
             return kind, name
     if isinstance(command := content.get("command"), str) and "versions" in content:
-        return "result.json", f"the result.json of '{' '.join(command.split()[:2])}'"
+        early = f", which is {NOT_FINAL}" if is_not_final(content) else ""
+        return "result.json", f"the result.json of '{' '.join(command.split()[:2])}'{early}"
     if content.keys() <= _GROUPS:
         return "numbers.json", "a numbers.json of the energy model"
     if content.keys() <= _COLUMNS:

@@ -26,6 +26,9 @@ from mrwarp.usd.open_stage import AssetError
 
 SCHEMA = 1
 
+WRITTEN = ("robot.xml", "robot.usda", "model.json")
+"""Files that :func:`write_extended` may write."""
+
 IN_USD = ("mass", "com", "armature", "kp", "kd", "friction", "damping", "strength", "limit")
 """Fields whose corrections robot.usda carries; of a robot's own USD file also of its devices, of an MJCF lengths."""
 

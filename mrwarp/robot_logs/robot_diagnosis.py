@@ -12,14 +12,15 @@ import numpy as np
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked, likely
 from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
 from mrwarp.robot_logs.causes import OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
-from mrwarp.robot_logs.robot_fit import fitted, fitted_alone, likelier, searched, uneven
+from mrwarp.robot_logs.robot_fit import FirstLook, first_look, fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, foretelling
-from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
+from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, sentence_of
 from mrwarp.robot_logs.selection import (
     PARTS,
     WALKING,
@@ -70,9 +71,12 @@ def robot_of(log: RobotLog, robot: str | None) -> Path:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load
 def diagnose_log(
-    robot: Path, log: RobotLog, *, device: str = "cpu", progress: Callable[[str], None] = lambda _: None
-) -> RobotDiagnosis:
+    robot: Path, log: RobotLog, *, device: str = "cpu", progress: Callable[[str], None] = lambda _: None,
+    answered: Callable[[RobotDiagnosis], bool] = lambda _: True,
+) -> RobotDiagnosis:  # fmt: skip
     """Diagnose a log against a robot's description, with replays on a Warp ``device``.
+
+    ``answered`` takes the first answer, which is not final; the diagnosis ends with it where that returns False.
 
     Raises:
         LogError: robot and log do not fit.
@@ -90,7 +94,12 @@ def diagnose_log(
     part = groups if log.seconds <= WHOLE else cut_windows(model, log, budget=FIT_SECONDS)
     if sum(group.count for group in part) < LEAST_WINDOWS:
         part = groups
-    theta, confirmed, evidence, rivals = fitted(model, part, parameters, progress)
+    look = first_look(model, part, parameters, progress)
+    answer = _first_answer(look, model, log, groups, parameters, begun)
+    progress(being_checked(answer.sentence))
+    if not answered(answer):
+        return answer
+    theta, confirmed, evidence, rivals = fitted(model, part, parameters, progress, look)
     if part is not groups:
         evidence = gather(model, groups, parameters, theta, progress)
     progress("causes that stand out")
@@ -224,6 +233,53 @@ def diagnose_log(
     )
 
 
+def _first_answer(
+    look: FirstLook, model: ReplayModel, log: RobotLog, groups: list[Windows], parameters: list[Parameter], begun: float
+) -> RobotDiagnosis:
+    """A diagnosis that is not final: the single change with which the replay is best as a suspect, and no verdict."""
+    unknown, found = float("nan"), []
+    for d in look.loudest:
+        change = {k: float(look.begin[k]) for k in d.members}
+        first = parameters[d.members[0]]
+        values = _values(first, float(np.mean(list(change.values()))), unknown)
+        found.append(
+            NamedCause(name=d.cause, where=d.where, parameters=values, p_value=unknown, alternatives=(), gain=unknown,
+                       change=change)
+        )  # fmt: skip
+    nothing = Error(rmse=unknown, nrmse=unknown, unit="healthy error")
+    return RobotDiagnosis(
+        verdict=None,
+        sentence=likely("; ".join(cause_text(c) for c in found) or "no single fault that stands out"),
+        final=False,
+        causes=(),
+        suspects=tuple(
+            Suspect(name=c.name, reason=f"at {c.where}: {NOT_CHECKED}", parameters=c.parameters, gain=c.gain)
+            for c in found
+        ),
+        cannot_know=(),
+        baseline=nothing,
+        extended=nothing,
+        gain={"rmse_reduction": None, "ci95": (None, None), "held_out": ()},
+        per_joint={},
+        session={},
+        parameters=tuple(parameters),
+        theta=np.zeros(len(parameters)),
+        model=model,
+        log=log,
+        windows=tuple(groups),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def _values(first: Parameter, mean: float, half: float) -> dict[str, Value]:
+    """The numbers of a cause from the change of its first parameter and the half of that change's interval."""
+    low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))
+    values = {first.name: Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)}
+    if first.relative:
+        values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - half, 1.0 + mean + half), unit="1")
+    return values
+
+
 def _when(log: RobotLog, groups: list[Windows], keep: np.ndarray) -> str:
     """Recordings and times of the windows that do not count."""
     runs, starts = (np.concatenate([getattr(w, name) for w in groups])[~keep] for name in ("run", "start"))
@@ -234,19 +290,15 @@ def _named(
     f: Found, found: list[Found], size: Sizes, evidence: Evidence, parameters: list[Parameter], now: Posterior
 ) -> NamedCause:
     """A cause with its size and what it explains."""
-    values: dict[str, Value] = {}
     others = [x.direction for x in found if x is not f]
     first = parameters[own_members(f.direction, others)[0]]
     mean, half = size.of(f.direction, [x.direction for x in found], now, parameters)
     if first.field == "delay":
         mean, half = mean - OWN_DELAY, half + OWN_DELAY
-    low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))
-    values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
+    values = _values(first, mean, half)
     early = first.field == "delay" and mean < 0.0  # none acts before it was given: the commands' stamps are late
     if early:
-        values = {"shift": Value(value=-mean, ci95=(-high, -low), unit=first.unit)}
-    if first.relative:
-        values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - half, 1.0 + mean + half), unit="1")
+        values = {"shift": Value(value=-mean, ci95=(-mean - half, -mean + half), unit=first.unit)}
     full = evidence.at(now.mean)
     without = posterior(evidence, parameters, others).mean.copy()
     without[list(f.direction.members)] = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,22 +50,48 @@ SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
 """Factor between sizes of a cause that are tried by the replay, how often the range is widened, and then narrowed."""
 
 
-def fitted(
+@dataclass(frozen=True, kw_only=True)
+class FirstLook:
+    """Where a fit begins."""
+
+    session: np.ndarray
+    """The described robot in this session, shape (P,)."""
+    described: Evidence
+    """About that robot."""
+    begin: np.ndarray
+    """A robot with the fault that stands out, shape (P,)."""
+    loudest: list[Direction]
+    """That fault; empty where none does."""
+
+
+def first_look(
     model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None]
-) -> tuple[np.ndarray, list[Direction], Evidence, dict[Direction, list[Direction]]]:
+) -> FirstLook:
+    """The described robot in this session, and of single changes that with which the replay is best."""
+    session = np.zeros(len(parameters))
+    if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
+        session = _session(model, groups, parameters)
+    described = gather(model, groups, parameters, session, progress)
+    progress("single causes")
+    begin, loudest = _loudest(model, groups, parameters, described, session)
+    return FirstLook(session=session, described=described, begin=begin, loudest=loudest)
+
+
+def fitted(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None],
+    look: FirstLook | None = None,
+) -> tuple[np.ndarray, list[Direction], Evidence, dict[Direction, list[Direction]]]:  # fmt: skip
     """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it.
 
-    And of causes of drives that were released, the others with which the replay was nearly as good.
+    And of causes of drives that were released, the others with which the replay was nearly as good. ``look`` is the
+    :func:`first_look` where it has been taken.
     """
-    theta = np.zeros(len(parameters))
+    look = look or first_look(model, groups, parameters, progress)
+    theta, described, begin, loudest = look.session, look.described, look.begin, look.loudest
     released: list[Direction] = []
-    if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
-        theta = _session(model, groups, parameters)
-    described = evidence = gather(model, groups, parameters, theta, progress)
+    evidence = described
     fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
     rivals: dict[Direction, list[Direction]] = {}
-    progress("single causes")
-    begin, loudest = _loudest(model, groups, parameters, described, theta)
 
     def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence) -> float:
         seen, _ = replayed(evidence, model, groups, parameters, theta)

@@ -42,6 +42,8 @@ class RobotDiagnosis:
 
     verdict: Verdict | None
     sentence: str
+    final: bool = True
+    """False: a first answer, whose suspects are what looks likeliest; nothing is checked."""
     causes: tuple[NamedCause, ...]
     suspects: tuple[Suspect, ...] = ()
     unexplained: Unexplained | None = None
@@ -77,6 +79,7 @@ class RobotDiagnosis:
             causes.append(row | {"parameters": {name: vars(v) for name, v in c.parameters.items()}})
         plain = (
             "verdict",
+            "final",
             "seconds",
             "sentence",
             "cannot_know",

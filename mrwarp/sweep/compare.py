@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mrwarp.run_dir import atomic_write, write_result
+from mrwarp.run_dir import atomic_write, is_not_final, write_result
 from mrwarp.runtime import closest, drawing, panels, text_table
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.runners import FINISHED, read_status
@@ -35,7 +35,7 @@ SHOWN = {
 MOST = 6
 """Most figures that are shown when none are named."""
 
-NOT_FIGURES = ("schema", "seed", "versions", "command", "task", "current")
+NOT_FIGURES = ("schema", "final", "seed", "versions", "command", "task", "current")
 """Parts of a result that are no measurements."""
 
 TrialRow = dict[str, Any]
@@ -64,6 +64,8 @@ def read_row(trial: Trial) -> TrialRow:
     if status.state in FINISHED:
         content = json.loads((trial.folder / "result.json").read_text(encoding="utf-8"))
         figures = dict(_numbers({key: value for key, value in content.items() if key not in NOT_FIGURES}))
+        if is_not_final(content):
+            name += " (not final)"
         flowed = content.get("current")
         if "current" in values and isinstance(flowed, int | float) and float(values["current"]) != flowed:
             limited = f" ({flowed:g} A flowed)"

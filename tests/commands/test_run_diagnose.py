@@ -1,6 +1,7 @@
 """``mrwarp diagnose``: what it writes, and that bad input or Ctrl-C leaves nothing behind."""
 
 import json
+import math
 import types
 from pathlib import Path
 
@@ -9,8 +10,10 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.diagnose.report import overview_pictures
+from mrwarp.diagnose.result import Diagnosis, Suspect, Value
 from mrwarp.model_file import load_model, save_model
 from mrwarp.nn.training import FitCfg
+from mrwarp.run_dir import write_result
 from tests.diagnose import made_up
 
 
@@ -27,10 +30,12 @@ def data(tmp_path: Path) -> Path:
 @pytest.fixture
 def computed(monkeypatch: pytest.MonkeyPatch):
     """Replaces the computation by one that answers with a made-up diagnosis; holds it and the arguments it got."""
-    state = types.SimpleNamespace(diagnosis=made_up.make("named"), got={})
+    state = types.SimpleNamespace(diagnosis=made_up.make("named"), early=None, got={})
 
     def diagnose(recording, **options):
         state.got = options
+        if state.early is not None and not options["answered"](state.early):
+            return state.early
         if isinstance(state.diagnosis, BaseException):
             raise state.diagnosis
         options["progress"]("fitting")
@@ -49,7 +54,7 @@ def test_everything_is_written(data: Path, tmp_path: Path, computed, capsys: pyt
     assert len(list((out / "pictures").iterdir())) == 9
     result = json.loads((out / "result.json").read_text())
     assert result["command"].startswith("mrwarp diagnose ") and "--seed 7" in result["command"]
-    assert result["model"] == "model.json"
+    assert result["model"] == "model.json" and result["final"] is True
     assert load_model(out / "model.json").effects[0].name == "coil_lag"
     assert computed.got["seed"] == 7 and computed.got["model"] is None
     text = capsys.readouterr().out
@@ -111,6 +116,60 @@ def test_ctrl_c_leaves_nothing(data: Path, tmp_path: Path, computed, capsys: pyt
     assert main(["diagnose", str(data), "--out", str(tmp_path / "out")]) == 130
     assert "nothing was written" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def early_answer() -> Diagnosis:
+    """A first answer as the command gets it."""
+    lag = Value(value=0.014, ci95=(math.nan, math.nan), unit="s")
+    suspect = Suspect(name="coil_lag", reason="not checked", parameters={"time_constant": lag}, gain=0.5)
+    sentence = "Likely: coil lag about 14 ms; not checked."
+    return made_up.make(None, final=False, sentence=sentence, suspects=(suspect,), cannot_know=(), next_experiment=None)
+
+
+def test_ctrl_c_keeps_the_first_answer(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
+    """It is there before the verdict; nothing of an earlier diagnosis stays next to it. Exit code 130 as ever."""
+    out = tmp_path / "out"
+    (out / "pictures").mkdir(parents=True)
+    for name in ("result.json", "model.json", "report.html", "pictures/evidence.png"):
+        (out / name).write_text("old")
+    computed.early, computed.diagnosis = early_answer(), KeyboardInterrupt()
+    assert main(["diagnose", str(data), "--out", str(out)]) == 130
+    assert f"only result.json (not final) in {out} was written" in capsys.readouterr().err
+    assert {p.name for p in out.rglob("*.*")} == {"result.json"}
+    result = json.loads((out / "result.json").read_text())
+    assert result["final"] is False and result["verdict"] is None and result["causes"] == []
+    assert result["suspects"][0]["parameters"]["time_constant"]["ci95"] == [None, None]
+
+
+def test_the_verdict_takes_the_place_of_the_first_answer(
+    data: Path, tmp_path: Path, computed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the end it is one file again, and final."""
+    written: list[bool] = []
+    monkeypatch.setattr(
+        "mrwarp.diagnose.result.write_result",
+        lambda out, figures, **known: written.append(figures["final"]) or write_result(out, figures, **known),
+    )
+    monkeypatch.setattr(overview_pictures, "draw", lambda d: ({}, []))
+    computed.early = early_answer()
+    assert main(["diagnose", str(data), "--out", str(tmp_path / "out")]) == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert written == [False, True] and result["final"] is True and result["verdict"] == "named"
+
+
+def test_quick_stops_at_the_first_answer(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
+    """Exit code 0, one file, and the terminal says that nothing was checked; what needs a verdict is refused."""
+    computed.early, computed.diagnosis = early_answer(), AssertionError("it went on")
+    out = tmp_path / "out"
+    assert main(["diagnose", str(data), "--out", str(out), "--quick"]) == 0
+    assert [p.name for p in out.iterdir()] == ["result.json"]
+    assert json.loads((out / "result.json").read_text())["final"] is False
+    text = capsys.readouterr().out
+    assert "Likely: coil lag about 14 ms; not checked." in text and f"result.json (not final) in {out}" in text
+    for later in (["--impact"], ["--learn"], ["--predict", str(data)]):
+        assert main(["diagnose", str(data), "--out", str(tmp_path / "other"), "--quick", *later]) == 2
+        assert f"{later[0]}: needs a verdict" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
 
 
 def test_what_was_found_is_written_before_anything_is_drawn(

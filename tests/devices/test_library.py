@@ -140,6 +140,16 @@ def test_an_entry_is_made_from_a_fit(made: Path, tmp_path: Path) -> None:
     assert 0 < (tmp_path / "pictures" / "new.png").stat().st_size < LARGEST_PICTURE
 
 
+def test_a_first_answer_makes_no_entry(made: Path, tmp_path: Path) -> None:
+    """A diagnosis that was stopped is refused as not final, even next to the model of an earlier one."""
+    where, results = _stated(tmp_path / "library"), tmp_path / "results"
+    shutil.copytree(made / "fit", results)
+    nothing = {"rmse": None, "nrmse": None}
+    (results / "result.json").write_text(json.dumps({"final": False, "baseline": nothing, "extended": nothing}))
+    with pytest.raises(ValueError, match=r"not final.*let 'mrwarp diagnose' come to its end"):
+        make_device("new", where, results, load_recording(made / "data"))
+
+
 def test_another_recording_or_missing_words_make_no_entry(made: Path, tmp_path: Path) -> None:
     """Nothing is written then."""
     where, data = _stated(tmp_path / "library"), load_recording(made / "data")

@@ -47,6 +47,19 @@ def test_json_in_the_place_of_a_model(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.usda", name]
 
 
+def test_a_first_answer_is_named_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A diagnosis that was stopped has a result, but no model: as the file and as the folder."""
+    early = {**RESULT, "command": "mrwarp diagnose a --out o", "verdict": None, "final": False}
+    (tmp_path / "result.json").write_text(json.dumps(early), encoding="utf-8")
+    assert main(["impact", "--model", str(tmp_path / "result.json")]) == 2
+    assert "is the result.json of 'mrwarp diagnose', which is not final" in capsys.readouterr().err
+    assert main(["impact", "--model", str(tmp_path)]) == 2
+    assert "no model.json; result.json in it is not final" in capsys.readouterr().err
+    (tmp_path / "result.json").write_text(json.dumps({**early, "final": True}), encoding="utf-8")
+    assert main(["impact", "--model", str(tmp_path)]) == 2
+    assert "not final" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("option", ["--policy", "--numbers", "--model"])
 def test_the_model_beside_is_proposed_for_a_model_alone(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

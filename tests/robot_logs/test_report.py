@@ -4,10 +4,12 @@ import json
 import re
 from pathlib import Path
 
+import mujoco
 import pytest
 from rerun.chunk import RrdReader
 
 from mrwarp.cli import main
+from mrwarp.robot_logs import robot_diagnosis
 from tests.robot_logs.arm_log import arm_log
 
 
@@ -73,3 +75,45 @@ def test_views_and_devices_are_for_robots_logs(tmp_path: Path, capsys: pytest.Ca
     assert ".rrd" in capsys.readouterr().err and not (tmp_path / "o").exists()
     assert main(["diagnose", str(log), "--device", "cuda:99", *out]) == 2
     assert "cuda:99: no such device here" in capsys.readouterr().err and not (tmp_path / "o").exists()
+
+
+def test_the_first_answer_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """``--quick`` ends with it: the fault that stands out, its place and size; no robot, and the robot's file stays."""
+
+    def heavier(model: mujoco.MjModel) -> None:
+        body = model.body("lower").id
+        model.body_inertia[body] *= (model.body_mass[body] + 0.15) / model.body_mass[body]
+        model.body_mass[body] += 0.15
+
+    log, out = arm_log(tmp_path / "log", seconds=8.0, change=heavier), tmp_path / "out"
+    out.mkdir()
+    robot = out / "robot.xml"
+    (log / "arm.xml").rename(robot)
+    (out / "robot.usda").write_text("of an earlier diagnosis")
+    assert main(["diagnose", str(log), "--robot", str(robot), "--out", str(out), "--quick"]) == 0
+    assert sorted(p.name for p in out.iterdir()) == ["result.json", "robot.xml"]
+    result = json.loads((out / "result.json").read_text())
+    assert result["final"] is False and result["verdict"] is None and result["causes"] == []
+    best = result["suspects"][0]
+    assert best["name"] == "link_mass" and best["reason"].startswith("at lower: ")
+    assert best["parameters"]["mass"]["value"] == pytest.approx(0.15, abs=0.05)
+    text = capsys.readouterr().out
+    assert "likely: lower: " in text and "; checking" in text and "result.json (not final)" in text
+    line = ["diagnose", str(log), "--robot", str(robot), "--rrd", str(tmp_path / "a.rrd"), "--out", str(out), "--quick"]
+    assert main(line) == 2
+    assert "--rrd: needs a verdict" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_the_first_answer_of_a_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Exit code 130."""
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(robot_diagnosis, "fitted", stopped)
+    log, out = arm_log(tmp_path / "log", seconds=4.0), tmp_path / "out"
+    assert main(["diagnose", str(log), "--out", str(out)]) == 130
+    assert "only result.json (not final)" in capsys.readouterr().err
+    assert json.loads((out / "result.json").read_text())["final"] is False and len(list(out.iterdir())) == 1

@@ -35,6 +35,20 @@ def test_figures_are_the_numbers_of_a_result(tmp_path: Path) -> None:
     assert compare.read_row(trial)["figures"] == {"a.b.0": 1.0, "a.b.1.c": 2.5, "ok": 1.0}
 
 
+def test_a_first_answer_is_named_as_not_final(tmp_path: Path) -> None:
+    """Trials of ``diagnose --quick``; whether a result is final is no figure."""
+    trial = Trial(folder=tmp_path / "seed=1", values={"seed": "1"}, args=["diagnose"])
+    trial.folder.mkdir()
+    write_status(trial, Status(state="done"))
+    names = []
+    for final in (False, True):
+        (trial.folder / "result.json").write_text(json.dumps({"final": final, "a": 2.0}))
+        row = compare.read_row(trial)
+        names.append(row["name"])
+        assert row["figures"] == {"a": 2.0}
+    assert names == ["seed=1 (not final)", "seed=1"]
+
+
 def test_a_limited_current_is_named_with_what_flowed(tmp_path: Path) -> None:
     """Trials at 1 and 1.5 A of devices that take 0.8 A: no two rows that say the same, or what did not flow."""
     rows = []

@@ -1,0 +1,51 @@
+"""The first answer: what looks likeliest, said and handed out before anything is checked."""
+
+from functools import partial
+
+import pytest
+
+from benchmarks.confusion.case import make_case, make_foreign
+from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked
+from mrwarp.diagnose.pipeline import diagnose
+from mrwarp.diagnose.result import Diagnosis
+from mrwarp.recording.load import Recording
+
+
+def stopped(recording: Recording) -> tuple[Diagnosis, list[str]]:
+    """The first answer of a diagnosis that ends with it, and the lines on the way."""
+    said: list[str] = []
+    answers: list[Diagnosis] = []
+    last = diagnose(recording, progress=said.append, answered=partial(_taken, answers))
+    assert answers == [last] and said[-1] == being_checked(last.sentence)
+    return last, said
+
+
+def _taken(answers: list[Diagnosis], answer: Diagnosis) -> bool:
+    answers.append(answer)
+    return False
+
+
+def test_a_lag_with_its_size() -> None:
+    """The likeliest effect with its number, which stands among the suspects; no verdict, no cause, no model."""
+    case = make_case("coil_lag", level=1.5, seed=5, size="small")
+    answer, said = stopped(case.recording)
+    true = case.truth.parameters["coil_lag"]["value"]
+    assert not answer.final and answer.verdict is None and not answer.causes and answer.model is None
+    best = answer.suspects[0]
+    assert best.name == "coil_lag" and best.reason == NOT_CHECKED
+    assert best.parameters["time_constant"].value == pytest.approx(true, rel=0.5)
+    assert said[-1].startswith("likely: coil lag about ") and said[-1].endswith("; checking")
+
+
+def test_another_law_is_not_taken_for_an_effect() -> None:
+    """Of a device by Kwok's law with nothing hidden a lag or a friction is not all that is said."""
+    answer, _ = stopped(make_foreign("none", "kwok", share=0.1, seed=3, size="small").recording)
+    assert answer.sentence.startswith("Likely: a hysteresis of another shape")
+
+
+def test_nothing_hidden() -> None:
+    """No suspect."""
+    answer, _ = stopped(make_case("none", level=0.0, seed=2, size="small").recording)
+    assert (
+        not answer.suspects and answer.sentence == "Likely: nothing is missing that these data could show; not checked."
+    )
