@@ -93,7 +93,7 @@ PLANTS = (CONVENTIONAL, AWARE, *(model for model in MODELS if model != AWARE))
 PUBLIC = "public_gains"
 """The actuator-aware plant with :data:`mrwarp.usd.robot.PUBLIC_GAINS`: policies for the pushes and falling masses of
 table 4, which the asset's stiffer motors hardly feel. Its soft motors sag, so the trunk's height has the weight
-``HEIGHT`` of :mod:`mrwarp.study.plan`: with the usual one, one policy of three walks at 0.28 m and misses the gate."""
+``HEIGHT`` of :mod:`paper.study.plan`: with the usual one, one policy of three walks at 0.28 m and misses the gate."""
 
 EXPLICIT = "mr_go_sal_explicit"
 """MR_Go-SAL whose devices act by the paper's explicit torque (eqs. 6, 19) instead of a brake that sticks; otherwise
@@ -103,4 +103,4 @@ PAYING = (*ROBOTS, EXPLICIT)
 """Robots that pay for power and carry loads: those of tables 6 and 7."""
 
 TRAINABLE = (*PLANTS, PUBLIC, *PAYING)
-"""Everything that :func:`mrwarp.study.plan.plant_cfg` knows."""
+"""Everything that :func:`paper.study.plan.plant_cfg` knows."""

@@ -5,9 +5,17 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
+from mrwarp.enums import EXPLICIT, Coupling
+
 _HERE = Path(__file__).resolve().parent
 POLICIES = next((p for p in (_HERE / "policies", _HERE.parent / "policies") if p.is_dir()), _HERE / "policies")
 """Folder of the shipped policies: inside the package when installed as a wheel, next to it in a checkout."""
+
+ENERGY = POLICIES / "energy"
+"""Shipped policies of the robots of tables 6 and 7, each trained on its own robot, with their training records."""
+
+FIRST_SEEDS = (0, 1, 2)
+"""Training seeds that every folder of policies has."""
 
 DEFAULT_POLICY = POLICIES / "mr_go_walk.onnx"
 """The shipped walking policy of the quadruped with MR calves."""
@@ -20,6 +28,16 @@ DEVICES = MODELS / "devices"
 
 META = "mrwarp"
 """Key of the metadata entry of a policy or network that holds its description as JSON."""
+
+
+def plant_of(robot: str, coupling: Coupling) -> str:
+    """The plant that the policies of a robot of tables 6 and 7, whose devices act so, were trained on."""
+    return EXPLICIT if robot == "mr_go_sal" and coupling is Coupling.EXPLICIT else robot
+
+
+def policy_file(folder: Path, plant: str, seed: int) -> Path:
+    """The policy of a plant and a training seed in a folder of policies."""
+    return folder / f"{plant}_seed{seed}.onnx"
 
 
 def shipped_model(kind: str) -> str | None:

@@ -186,7 +186,7 @@ def parsed(folder: str) -> Iterator[tuple[str, str, ast.Module]]:
 def test_kernels_and_laws_follow_the_signature_rules() -> None:
     """Every kernel is typed, grouped, named and documented; every law has types and a docstring."""
     kernels, findings = 0, []
-    for file, source, tree in parsed("mrwarp"):
+    for file, source, tree in (*parsed("mrwarp"), *parsed("paper")):
         for kernel in decorated(tree, "kernel"):
             kernels += 1
             findings += [f"{file}:{line}: {text}" for line, text in kernel_problems(kernel, source.splitlines())]
@@ -200,7 +200,7 @@ def test_imports_keep_the_boundaries() -> None:
     """Kernels know only Warp, the networks know no simulator, and Newton is touched in named files only."""
     findings = [
         f"{file}:{line}: {problem}"
-        for file, _, tree in parsed("mrwarp")
+        for file, _, tree in (*parsed("mrwarp"), *parsed("paper"))
         for line, module in imports(file, tree)
         if (problem := boundary_problem(file, module))
     ]

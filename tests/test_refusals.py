@@ -173,7 +173,7 @@ def test_figure_4_tries_its_folder_before_the_bench(
     bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """``reproduce fig4 --train`` with a file as output."""
-    monkeypatch.setattr("mrwarp.reproduce.fig4.run_bench", not_reached)
+    monkeypatch.setattr("paper.reproduce.fig4.run_bench", not_reached)
     line = refused(["reproduce", "fig4", "--train", "--out", str(bench / "few.csv")], capsys)
     assert "few.csv: cannot be written" in line
 

@@ -8,10 +8,10 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FILES = sorted((ROOT / "mrwarp").rglob("*.py"))
+FILES = sorted(path for package in ("mrwarp", "paper") for path in (ROOT / package).rglob("*.py"))
 CATALOGUES = {"mrwarp/effects"}
 """Folders that may have more files: one law each."""
-QUICK_HELP = ("mrwarp/cli.py", "mrwarp/commands/")
+QUICK_HELP = ("mrwarp/cli.py", "mrwarp/commands/", "paper/commands/")
 """Files that import when they run, so that ``--help`` waits for no engine."""
 ON_USE = ("mrwarp/actuator/newton_drive.py", "mrwarp/viewing/live_view.py", "mrwarp/env/natural_units.py")
 """Files of which most callers do without one part: the drive without torch and onnx, pictures without rerun."""
@@ -42,5 +42,5 @@ def test_imports_between_rooms_stand_at_the_top_of_files() -> None:
         for node in (node for node in inner if isinstance(node, ast.Import | ast.ImportFrom)):
             modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else modules
-            found += [f"{name}:{node.lineno}" for module in modules if module.partition(".")[0] == "mrwarp"]
+            found += [f"{name}:{node.lineno}" for module in modules if module.partition(".")[0] in ("mrwarp", "paper")]
     assert sorted(set(found)) == []

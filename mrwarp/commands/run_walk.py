@@ -119,8 +119,8 @@ class EnergyOptions(opt.SteppedRobot):
         Raises:
             PolicyError: a file cannot be used.
         """
+        from mrwarp.resources import ENERGY, FIRST_SEEDS, plant_of, policy_file
         from mrwarp.rl.policy import OnnxPolicy
-        from mrwarp.study.plan import ENERGY, FIRST_SEEDS, plant_of, policy_file
 
         paths = {
             robot: getattr(self, f"policy_{robot}")
@@ -398,8 +398,8 @@ class Mission(EnergyOptions):
         if self.policy or self.policy_mr_go_sal:
             return {"policy": policies["mr_go_sal"]}
 
+        from mrwarp.resources import ENERGY, FIRST_SEEDS, plant_of, policy_file
         from mrwarp.rl.policy import OnnxPolicy
-        from mrwarp.study.plan import ENERGY, FIRST_SEEDS, plant_of, policy_file
 
         plant = plant_of("mr_go_sal", self.coupling)
         return {f"seed {seed}": OnnxPolicy(policy_file(ENERGY, plant, seed)) for seed in FIRST_SEEDS}

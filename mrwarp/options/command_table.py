@@ -7,6 +7,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from mrwarp.options.command_line import Options
+from mrwarp.options.extras import LABORATORY
+
+LABORATORY_COMMANDS = ("run_reproduce", "run_study", "run_beyond")
+"""Modules of commands that a checkout has and a wheel has not."""
 
 
 @dataclass(frozen=True)
@@ -14,7 +18,7 @@ class Command:
     """A command, by the name of its dataclass, so that the help of ``mrwarp`` loads nothing else."""
 
     name: str
-    """Dataclass in :mod:`mrwarp.commands`, as ``module:Class``."""
+    """Dataclass in :mod:`mrwarp.commands`, or in the laboratory's, as ``module:Class``."""
     help: str
     variants: Mapping[tuple[str, ...], Command] = field(default_factory=dict)
     """Commands of other options in its place, by the words that ask for them."""
@@ -22,7 +26,8 @@ class Command:
     def load(self) -> type[Options]:
         """The dataclass: options, and the work."""
         module, _, name = self.name.partition(":")
-        return getattr(importlib.import_module(f"mrwarp.commands.{module}"), name)
+        package = LABORATORY if module in LABORATORY_COMMANDS else "mrwarp"
+        return getattr(importlib.import_module(f"{package}.commands.{module}"), name)
 
 
 @dataclass(frozen=True)

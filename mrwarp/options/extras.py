@@ -12,10 +12,15 @@ EXTRAS = {
 }
 """Extra by the name under which a library is imported."""
 
+LABORATORY = "paper"
+"""Package of the paper's tables and studies, which a wheel does not have."""
+
 
 def missing_extra(error: ImportError) -> str:
     """One line on how to install the library that could not be imported; empty where no extra brings it."""
     library = (error.name or "").partition(".")[0]
+    if library == LABORATORY:
+        return "the paper's tables and studies are not in the wheel: clone the repository and run it there"
     if library not in EXTRAS:
         return ""
     return f"needs {library}, which is not installed: pip install 'mrwarp[{EXTRAS[library]}]'"

@@ -22,8 +22,8 @@ from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.ranks import Ranks
-from mrwarp.study.plan import POWER_PRICE
 from mrwarp.usd.open_stage import ASSETS
+from paper.study.plan import POWER_PRICE
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "train" / "ppo.py"

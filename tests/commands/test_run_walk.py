@@ -5,8 +5,9 @@ import torch
 
 from mrwarp.commands.run_walk import Walk
 from mrwarp.options.command_line import parse
+from mrwarp.resources import ENERGY, policy_file
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import ENERGY, EXPLICIT, policy_file
+from paper.study.plan import EXPLICIT
 
 OBS = torch.linspace(-1.0, 1.0, 94).reshape(2, 47)
 """Any observations."""

@@ -13,13 +13,13 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.nn import network_file
 from mrwarp.options.command_line import parse
 from mrwarp.options.command_table import COMMANDS, Command
-from mrwarp.reproduce.disturbance import push_rule
-from mrwarp.reproduce.settings import Settings
 from mrwarp.resources import DEFAULT_POLICY, shipped_model
 from mrwarp.rl.policy_file import read_policy
-from mrwarp.study import paper_tables
-from mrwarp.study.plan import plant_cfg
-from mrwarp.study.rollouts import EvaluationCfg
+from paper.reproduce.disturbance import push_rule
+from paper.reproduce.settings import Settings
+from paper.study import paper_tables
+from paper.study.plan import plant_cfg
+from paper.study.rollouts import EvaluationCfg
 
 
 @pytest.mark.parametrize("name", ["train", "impact", "walk", "mission", "play"])

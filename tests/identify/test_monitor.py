@@ -9,9 +9,9 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.identify.monitor import MonitorCfg, judge, monitor
 from mrwarp.recording.load import RecordingError, save_recording
-from mrwarp.study import ageing
-from mrwarp.study.ageing import AgeingCfg, calibrations, lines, run
-from mrwarp.study.plan import spent
+from paper.study import ageing
+from paper.study.ageing import AgeingCfg, calibrations, lines, run
+from paper.study.plan import spent
 
 NAMES = tuple(f"day-{k:03d}" for k in range(240))
 

@@ -1,0 +1,1 @@
+"""Commands of ``python -m paper``: the options of each as a dataclass, and its work."""

@@ -1,0 +1,280 @@
+"""Makes experiments in the order of their needs, and only what changed; one failure loses nothing else.
+
+Each experiment has a folder: its pictures, its simulated data as ``.npz``, and ``findings.json``, written last in an
+atomic write, with the key of everything that it depends on. A run that was stopped goes on with what is missing.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import math
+import time
+import traceback
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+import mrwarp
+from mrwarp.run_dir import atomic_write, one_line, plain, versions, write_text
+from mrwarp.usd.open_stage import ASSETS
+from paper.reproduce.comparison import Findings
+from paper.reproduce.settings import NotYet, Settings
+
+KEPT = "findings.json"
+"""What an experiment leaves in its folder."""
+
+PACKAGES = ("mrwarp", "paper")
+"""Packages whose code an experiment depends on."""
+
+T = TypeVar("T")
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What an experiment is given."""
+
+    settings: Settings
+    out: Path
+    """Its own folder; those of the others stand beside it."""
+    report: Report = lambda text, share: None
+    """Called with what runs and the share that is done."""
+
+    def save(self, data: Any) -> Findings:
+        """Write a simulation's data, which other experiments :meth:`load`; it finds nothing itself."""
+        save(self.out / f"{self.out.name}.npz", data)
+        return Findings()
+
+    def load(self, name: str, kind: type[T]) -> T:
+        """Data of the simulation of this name."""
+        return load(self.out.parent / name / f"{name}.npz", kind)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """How an entry of the report, or a simulation that several entries read, is made."""
+
+    name: str
+    """As on the command line; one that has no title in the report is read by others alone."""
+    compute: Callable[[Job], Findings]
+    """Makes the rows; its module and all that it imports are what the entry depends on."""
+    needs: tuple[str, ...] = ()
+    """Experiments whose folders it reads."""
+    settings: tuple[str, ...] = ()
+    """Names of the :class:`Settings` it depends on."""
+    files: Callable[[], Sequence[Path]] = tuple
+    """Further input files."""
+    seconds: Callable[[Settings], float] = lambda settings: 1.0
+    """How long it takes on two idle cores with some settings [s]."""
+
+    def key(self, settings: Settings, keys: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+        """Everything that the result depends on, by kind; ``keys`` are those of the experiments that it needs."""
+        return {
+            "code": code_hash(self.compute.__module__),
+            "settings": {name: _content(getattr(settings, name)) for name in self.settings},
+            "files": {
+                f"{path.parent.name}/{path.name}": _content(path) for path in (ASSETS / "mr_go.usda", *self.files())
+            },
+            "versions": versions(),
+            "needs": {name: _hash(json.dumps(keys[name], sort_keys=True)) for name in self.needs},
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How one experiment ended."""
+
+    name: str
+    status: str
+    """``made``, ``kept``, ``waiting`` (what it needs is not there yet), ``failed`` or ``not run``."""
+    findings: Findings | None = None
+    seconds: float = 0.0
+    """What it took when it was made [s]."""
+    processor: float = 0.0
+    """And on all cores together [s], which other programs do not lengthen."""
+    message: str = ""
+    """Why there are no findings."""
+
+
+@dataclass(kw_only=True)
+class Runner:
+    """One run of some experiments."""
+
+    catalogue: Mapping[str, Experiment]
+    """All experiments by name."""
+    settings: Settings
+    out: Path
+    report: Report = lambda text, share: None
+    """Called with what runs and the share of it that is done."""
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
+    """How each experiment ended, by name, in the order in which they were run."""
+    keys: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """What the experiments depend on, by name."""
+
+    def estimate(self, wanted: Sequence[str]) -> dict[str, float]:
+        """Time on two idle cores of all that :meth:`run` would make, by name [s]; without what waits for an input."""
+        found: dict[str, float] = {}
+        for experiment in self._in_order(wanted):
+            try:
+                key = self.keys[experiment.name] = experiment.key(self.settings, self.keys)
+            except (NotYet, KeyError):  # an input is not there, or that of an experiment that it needs
+                continue
+            if _read(self.out / experiment.name / KEPT, key) is None:
+                found[experiment.name] = experiment.seconds(self.settings)
+        return found
+
+    def run(self, wanted: Sequence[str]) -> None:
+        """Make or keep the experiments, each after what it needs; ``outcomes`` grows as they end.
+
+        Raises:
+            KeyboardInterrupt: the run was stopped; what is done is kept.
+            KeyError: there is no experiment of that name.
+        """
+        for experiment in self._in_order(wanted):
+            if experiment.name not in self.outcomes:
+                self.outcomes[experiment.name] = self._make(experiment)
+
+    def _in_order(self, wanted: Sequence[str]) -> Iterator[Experiment]:
+        """The experiments, each after what it needs."""
+        for name in wanted:
+            yield from self._in_order(self.catalogue[name].needs)
+            yield self.catalogue[name]
+
+    def _make(self, experiment: Experiment) -> Outcome:
+        name, folder = experiment.name, self.out / experiment.name
+        for need in experiment.needs:
+            if (outcome := self.outcomes[need]).findings is None:
+                status = "waiting" if outcome.status == "waiting" else "failed"
+                return Outcome(name=name, status=status, message=f"needs {need}: {outcome.message}")
+        try:
+            self.keys[name] = key = experiment.key(self.settings, self.keys)
+            if (kept := _read(folder / KEPT, key)) is not None:
+                return kept
+            folder.mkdir(parents=True, exist_ok=True)
+            for stale in (KEPT, "error.txt"):  # what follows may be cut short, and its data are another key's
+                (folder / stale).unlink(missing_ok=True)
+            started, worked = time.perf_counter(), time.process_time()
+            job = Job(
+                settings=self.settings,
+                out=folder,
+                report=lambda text, share: self.report(f"{name}: {text}" if text else name, share),
+            )
+            job.report("", 0.0)
+            findings = experiment.compute(job)
+            seconds, processor = time.perf_counter() - started, time.process_time() - worked
+            content = plain({"key": key, "seconds": seconds, "processor": processor, "findings": asdict(findings)})
+            write_text(folder / KEPT, json.dumps(content, indent=1, allow_nan=False))
+        except NotYet as error:
+            return Outcome(name=name, status="waiting", message=str(error))
+        except Exception as error:  # whatever one experiment meets, the others go on
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
+            return Outcome(name=name, status="failed", message=one_line(error) or type(error).__name__)
+        return Outcome(name=name, status="made", findings=findings, seconds=seconds, processor=processor)
+
+
+def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
+    """What was made under the same key; None if there is none, or what is there is damaged or of another layout."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["key"] == json.loads(json.dumps(key)):
+            findings = typed(content["findings"], Findings)
+            seconds, processor = float(content["seconds"]), float(content["processor"])
+            name = path.parent.name
+            return Outcome(name=name, status="kept", findings=findings, seconds=seconds, processor=processor)
+    except (OSError, LookupError, TypeError, ValueError, RecursionError):
+        pass
+    return None
+
+
+def code_hash(module: str, root: Path = Path(mrwarp.__file__).parents[1], packages: Collection[str] = PACKAGES) -> str:
+    """Hash of a module and of all that it imports of these packages in ``root``; comments do not count."""
+    found: dict[str, str] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        path = root.joinpath(*name.split("."))
+        path = next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
+        if path is not None and name not in found:
+            found[name], imports = _parse(path)
+            waiting += [imported for imported in imports if imported.split(".")[0] in packages]
+    return _hash(json.dumps(found, sort_keys=True))
+
+
+@lru_cache(maxsize=1024)
+def _parse(path: Path) -> tuple[str, list[str]]:
+    """A module without comments and layout, and the modules that it may import."""
+    tree, imports = ast.parse(path.read_text(encoding="utf-8")), []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imports += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            imports += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return _hash(ast.dump(tree)), imports
+
+
+def _content(value: Any) -> Any:
+    """A setting as plain values; a file is its content, wherever it lies."""
+    if isinstance(value, Mapping):
+        return {name: _content(item) for name, item in value.items()}
+    if isinstance(value, tuple):
+        return [_content(item) for item in value]
+    return _hash(value.read_bytes()) if isinstance(value, Path) else value
+
+
+def _hash(data: str | bytes) -> str:
+    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
+
+
+def save(path: Path, data: Any) -> None:
+    """Write nested dataclasses, dicts, lists, arrays and plain values in an atomic write; never pickled."""
+    arrays: dict[str, np.ndarray] = {}
+
+    def strip(value: Any) -> Any:
+        if is_dataclass(value):
+            return {f.name: strip(getattr(value, f.name)) for f in fields(value)}
+        if isinstance(value, np.ndarray):
+            arrays[f"a{len(arrays)}"] = value
+            return {"__array__": f"a{len(arrays) - 1}"}
+        if isinstance(value, dict):
+            return {name: strip(item) for name, item in value.items()}
+        return [strip(item) for item in value] if isinstance(value, list | tuple) else value
+
+    tree = np.array(json.dumps(strip(data)))
+    with atomic_write(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, tree=tree, **arrays)  # type: ignore[arg-type]
+
+
+def load(path: Path, kind: type[T]) -> T:
+    """Read what :func:`save` wrote of a dataclass."""
+    with np.load(path, allow_pickle=False) as file:
+        return typed(json.loads(str(file["tree"])), kind, file)
+
+
+def typed(value: Any, kind: Any, arrays: Mapping[str, np.ndarray] | None = None) -> Any:
+    """Plain values of JSON as the dataclasses that their type names; null as NaN for a number.
+
+    Raises:
+        KeyError, TypeError: the values are not of that type.
+    """
+    if isinstance(value, dict) and "__array__" in value and arrays is not None:
+        return arrays[value["__array__"]]
+    kinds = [item for item in get_args(kind) if item is not NoneType]
+    if get_origin(kind) in (Union, UnionType):
+        return None if value is None else typed(value, kinds[0], arrays)
+    if is_dataclass(kind):
+        hints = get_type_hints(kind)
+        return kind(**{name: typed(item, hints[name], arrays) for name, item in value.items()})  # type: ignore[operator]
+    items = kinds[-1] if kinds else Any
+    if isinstance(value, dict):
+        return {name: typed(item, items, arrays) for name, item in value.items()}
+    if isinstance(value, list):
+        return [typed(item, items, arrays) for item in value]
+    return math.nan if value is None and kind is float else value

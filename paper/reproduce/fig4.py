@@ -1,0 +1,332 @@
+"""Figure 4: RMSE of four torque models on ten unseen trajectories of the virtual bench.
+
+:func:`compute` judges the shipped networks; :func:`train` trains all models anew by one recipe, also with the bench's
+effects at other strengths, to show how the ranking depends on them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mrwarp import paper
+from mrwarp.bench.bench_effects import Effects
+from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
+from mrwarp.enums import ZStep
+from mrwarp.identify import learn
+from mrwarp.identify.fit import fit
+from mrwarp.identify.replay import simulate
+from mrwarp.nn import network_file
+from mrwarp.nn.models import SAMPLES, LstmState
+from mrwarp.nn.training import FitCfg, plot_history, print_epoch
+from mrwarp.options.json_file import read_json_file
+from mrwarp.params import MrParams
+from mrwarp.recording.data import Recording
+from mrwarp.run_dir import write_text
+from mrwarp.runtime import drawing, panels
+from mrwarp.trials.walk_pictures import PAPER_MARK
+from paper.reproduce.cache import Job
+from paper.reproduce.comparison import Comparison, Findings, TextTable, compare, identified
+from paper.reproduce.settings import PLANT_TITLES, networks
+
+COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm": "#2f7d4f"}
+"""The models of figure 4, and the colour of each."""
+
+FITTING = (24, 24_000)
+"""Trajectories and samples of the fitting data, on which eq. 13 is fitted; the evaluation does not depend on them."""
+
+SHAPES = tuple((total / (1.0 + ratio), ratio) for total in (2.0, 4.0, 8.0, 16.0, 32.0) for ratio in (-0.6, 0.0, 0.6))
+"""beta [1/rad] and gamma/beta that eq. 13 is fitted with, so that z is bounded by 1/2 to 1/32 rad."""
+
+ON = 0.5
+"""Share of the largest current above which it counts as on in figure 3."""
+
+SECTION = 1600
+"""Samples of figure 3, from the trajectory's first."""
+
+
+def compute(job: Job) -> Findings:
+    """Evaluate the shipped networks and the Bouc-Wen model they stand beside."""
+    bench = BenchCfg(trajectories=FITTING[0], samples=FITTING[1])
+    session = run_bench(bench, lambda share, text: job.report("bench", 0.8 * share))
+    data = session.evaluation
+    assert data is not None  # the default records it
+    models = {name: network_file.load(path) for name, path in zip(SAMPLES, networks(SAMPLES), strict=True)}
+    job.report("networks", 0.8)
+    torque = {name: learn.predict(model, data) for name, model in models.items()}
+    torque["bouc_wen"] = learn.bouc_wen_torque(data, models["pg_rlstm"].bouc_wen, ZStep.EULER)
+    found = {name: learn.summary(learn.errors(torque[name], data)) for name in COLOURS}
+    blind = conventional(session.fit)
+    found_blind = learn.summary(learn.errors(simulate(blind, data, exact=False, substeps=0), data))
+    on = figure3(torque, data, job.out / "figure3.png")
+    carried = {
+        name: learn.summary(learn.errors(learn.predict(models[name], data, lstm_state=LstmState.CARRIED), data))
+        for name in ("lstm", "pg_rlstm")
+    }
+    with drawing("figure4.png"):
+        plot({"1": found}, job.out / "figure4.png")
+    rows = []
+    for name in COLOURS:
+        for amps, theirs in paper.FIGURE_4[name].items():
+            cell, plain = found[name]["by_current"][f"{amps:g}"], found["bouc_wen"]["by_current"][f"{amps:g}"]
+            ours = {"ours": cell["mean"], "sd": cell["sd"], "n": cell["trajectories"]}
+            reason = why(amps, paper.FIGURE_4["bouc_wen"][amps].mean, plain["mean"])
+            rows.append(compare(f"{PLANT_TITLES[name]}, {amps:g} A", ("RMSE", "N·m", 3), theirs, ours, reason))
+    rows += [
+        Comparison(
+            condition=f"conventional Bouc-Wen (eq. 13), {amps} A", quantity="RMSE", unit="N·m", paper=None,
+            ours=cell["mean"], sd=cell["sd"], n=cell["trajectories"],
+        )
+        for amps, cell in found_blind["by_current"].items()
+    ]  # fmt: skip
+    verdicts = judge(found)
+    averages = " and ".join(
+        f"{row['average']:.3f} instead of {found[name]['average']:.3f} N·m ({PLANT_TITLES[name]})"
+        for name, row in carried.items()
+    )
+    return Findings(
+        rows=rows,
+        **identified(
+            (
+                "pg_rlstm_lowest",
+                "PG-RLSTM has the lowest error at each current",
+                verdicts["pg_rlstm_lowest_at_each_current"],
+            ),
+            (
+                "pg_rlstm_average",
+                f"its average is at most {paper.FIGURE_4_AVERAGE:g} N·m",
+                verdicts["pg_rlstm_average"],
+            ),
+            *(
+                (
+                    f"lower_than_{name}",
+                    f"it is at least {100.0 * wanted:.1f} % below {PLANT_TITLES[name]}",
+                    verdicts[f"lower_than_{name}"],
+                )
+                for name, wanted in paper.FIGURE_4_REDUCTION.items()
+            ),
+            (
+                "recurrent_follow_more_closely",
+                "figure 3: the recurrent models follow the torque more closely than the MLP while the current is on",
+                max(on["lstm"], on["pg_rlstm"]) < on["mlp"],
+            ),
+        ),
+        notes=[
+            f"Eq. 13, which does not see the current, leaves {found_blind['average']:.3f} N·m on average, eq. 14 "
+            f"{found['bouc_wen']['average']:.3f}.",
+            "Figure 3, while the current is on: "
+            + ", ".join(f"{PLANT_TITLES[name]} {value:.3f}" for name, value in on.items())
+            + " N·m (RMSE).",
+            "Spreads are over the ten trajectories. The data are the virtual bench's, not the paper's device.",
+            "The rows start the LSTMs over with 50 samples at every step, as the paper does. With their state carried "
+            f"on along a trajectory, as the simulation does, the same networks leave {averages} on average.",
+        ],
+        pictures={
+            "figure4.png": "RMSE by current, marks the paper's; right: averages over the currents",
+            "figure3.png": "Figure 3: an unseen trajectory at 1.2 A; current on where shaded",
+        },
+        figures={"models": found, "carried": carried, "conventional": {"parameters": blind, **found_blind}, "on": on},
+    )
+
+
+def conventional(recording: Recording) -> dict[str, float]:
+    """Eq. 13 fitted to a recording: tau = D + B qd + C q + kappa z, which knows no current.
+
+    A of eq. 13 only scales z and stands at 1; kappa is K0 of eq. 14. For each of :data:`SHAPES` the rest is linear
+    least squares.
+    """
+    q, qd, tau = (
+        np.concatenate([getattr(run, name) for run in recording.trajectories]) for name in ("q", "qd", "torque")
+    )
+    best, least = {}, np.inf
+    for beta, ratio in SHAPES:
+        shape = {"beta": beta, "gamma": ratio * beta}
+        z = np.concatenate(simulate({"K0": 1.0, **shape}, recording, exact=False, substeps=0))
+        columns = np.stack([np.ones_like(q), qd, q, z], axis=1)
+        solution, *_ = np.linalg.lstsq(columns, tau, rcond=None)
+        error = float(np.mean((columns @ solution - tau) ** 2))
+        if error < least:
+            best, least = dict(zip(("D", "B", "C", "K0"), map(float, solution), strict=True)) | shape, error
+    return best
+
+
+def figure3(torque: Mapping[str, Sequence[np.ndarray]], data: Recording, path: Path) -> dict[str, float]:
+    """Draw the first unseen trajectory at 1.2 A; returns each model's RMSE there while the current is on [N·m]."""
+    k = next(i for i, run in enumerate(data.trajectories) if abs(np.abs(run.current).max() - 1.2) < 0.05)
+    run = data.trajectories[k]
+    on = np.abs(run.current) > ON * np.abs(run.current).max()
+    on[: learn.SKIP] = False
+    with drawing("figure3.png"):
+        figure, ((axis,),) = panels((11, 3.6), 1, 1)
+        part = slice(learn.SKIP, learn.SKIP + SECTION)
+        axis.plot(run.t[part], run.torque[part], color="black", linewidth=1.5, label="measured (virtual bench)")
+        for name in COLOURS:
+            axis.plot(run.t[part], torque[name][k][part], color=COLOURS[name], linewidth=1.0, label=PLANT_TITLES[name])
+        axis.fill_between(run.t[part], 0, 1, where=on[part], color="#e08a1e", alpha=0.15, linewidth=0,
+                          transform=axis.get_xaxis_transform())  # fmt: skip
+        axis.set(xlabel="time [s]", ylabel="torque [N·m]")
+        figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
+        figure.savefig(path, dpi=110)
+    return {name: float(np.sqrt(np.mean((torque[name][k] - run.torque)[on] ** 2))) for name in COLOURS}
+
+
+def why(amps: float, theirs: float, ours: float) -> str:
+    """How our bench compares with the paper's device: by what either leaves to its Bouc-Wen model [N·m]."""
+    return (
+        f"The bench is ours: the paper's device leaves its Bouc-Wen model {theirs:.3f} N·m at {amps:g} A, our bench "
+        f"{ours:.3f} N·m, so that the effects beyond eq. 14 are {'milder' if ours < theirs else 'no milder'} here."
+    )
+
+
+def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
+    """Each claim of the paper by name, True where it holds; ``rows`` holds a ``learn.summary`` per model."""
+    best, others = rows["pg_rlstm"], [rows[name] for name in paper.FIGURE_4_REDUCTION]
+    reduced = reductions(rows)
+    return {
+        "pg_rlstm_lowest_at_each_current": all(
+            cell["mean"] < other["by_current"][amps]["mean"]
+            for other in others
+            for amps, cell in best["by_current"].items()
+        ),
+        "pg_rlstm_average": best["average"] <= paper.FIGURE_4_AVERAGE,
+        **{f"lower_than_{name}": reduced[name] >= wanted for name, wanted in paper.FIGURE_4_REDUCTION.items()},
+    }
+
+
+def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Bars per current and model as in the paper, its values as marks; beside them the averages per strength."""
+    figure, ((left, right),) = panels((11, 4.2), 1, 2, grid="y", width_ratios=(3, 2))
+    first = next(iter(results.values()))
+    currents = list(first["pg_rlstm"]["by_current"])
+    width = 0.8 / len(COLOURS)
+    for k, name in enumerate(COLOURS):
+        x = np.arange(len(currents)) + (k - 1.5) * width
+        cells = [first[name]["by_current"][amps] for amps in currents]
+        means, sds = [c["mean"] for c in cells], [c["sd"] for c in cells]
+        left.bar(x, means, width, yerr=sds, capsize=3, color=COLOURS[name], label=name)
+        marks = [cell.mean if (cell := paper.FIGURE_4[name].get(float(amps))) else np.nan for amps in currents]
+        left.plot(x + 0.25 * width, marks, **PAPER_MARK, label="paper" if k == 0 else None)
+        averages = [rows[name]["average"] for rows in results.values()]
+        right.bar(np.arange(len(results)) + (k - 1.5) * width, averages, width, color=COLOURS[name])
+    left.set_xticks(range(len(currents)), [f"{amps} A" for amps in currents])
+    left.set_ylabel("RMSE on ten unseen trajectories [N·m]")
+    figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
+    right.set_xticks(range(len(results)), [f"effects × {name}" for name in results])
+    right.set_ylabel("average RMSE [N·m]")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)
+
+
+def reductions(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Relative reduction of the average RMSE by PG-RLSTM [1]."""
+    return {name: 1.0 - rows["pg_rlstm"]["average"] / rows[name]["average"] for name in paper.FIGURE_4_REDUCTION}
+
+
+def train(bench: BenchCfg, recipe: FitCfg, strengths: Sequence[float], out: Path) -> dict[str, Any]:
+    """Train and evaluate all models; each is kept as soon as it is done, so that a stopped run goes on.
+
+    Args:
+        bench: The session; its effects are replaced by the default ones times each strength.
+        recipe: Of all networks.
+        strengths: Factors on the bench's effects; the first one is judged.
+        out: Folder for models, curves and what is needed to go on.
+
+    Returns:
+        The figures of ``result.json``.
+
+    Raises:
+        KeyboardInterrupt: the run was stopped; what is done is kept.
+    """
+    results: dict[str, Any] = {}
+    for strength in strengths:
+        session = replace(bench, effects=Effects.defaults(strength))
+        results[f"{strength:g}"] = _one_strength(session, recipe, out / f"strength_{strength:g}")
+        print(f"\neffects times {strength:g}\n{learn.table(results[f'{strength:g}'])}\n", flush=True)
+    with drawing("figure4.png"):
+        plot(results, out / "figure4.png")
+    return {
+        "parts": {"fig4_strengths": {"rows": [], "claims": {}, "tables": [asdict(strength_table(results))]}},
+        "strengths": results,
+        "reductions": {name: reductions(rows) for name, rows in results.items()},
+        "verdicts": judge(results[f"{strengths[0]:g}"]),
+        "paper": {
+            name: {f"{amps:g}": [cell.mean, cell.sd] for amps, cell in rows.items()}
+            for name, rows in paper.FIGURE_4.items()
+        },
+        "recipe": asdict(recipe),
+        "bench": {"samples": bench.samples, "trajectories": bench.trajectories, "seed": bench.seed},
+    }
+
+
+def strength_table(results: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> TextTable:
+    """Average RMSE of each model by the strength of the bench's effects, and by how much PG-RLSTM is below it.
+
+    ``results``: a ``learn.summary`` per model, by strength; the paper's averages are those of its printed rows.
+    """
+    printed = {name: float(np.mean([cell.mean for cell in rows.values()])) for name, rows in paper.FIGURE_4.items()}
+    head = ["effects", *(f"{PLANT_TITLES[name]} [N·m]" for name in COLOURS)]
+    head += [f"below {PLANT_TITLES[name]} [%]" for name in paper.FIGURE_4_REDUCTION]
+    head += ["lowest at each current"]
+
+    def line(text: str, average: Mapping[str, float], lowest: bool) -> list[str]:
+        best = average["pg_rlstm"]
+        cells = [f"{average[name]:.3f}" for name in COLOURS]
+        cells += [f"{100.0 * (1.0 - best / average[name]):.0f}" for name in paper.FIGURE_4_REDUCTION]
+        return [text, *cells, "yes" if lowest else "no"]
+
+    lines = [line("the paper's device", printed, True)]
+    for strength in sorted(results, key=float):
+        rows = results[strength]
+        average = {name: row["average"] for name, row in rows.items()}
+        lines.append(line(f"times {strength}", average, judge(rows)["pg_rlstm_lowest_at_each_current"]))
+    return TextTable(title="Figure 4 by the strength of the bench's effects", head=head, rows=lines)
+
+
+def _one_strength(bench: BenchCfg, recipe: FitCfg, out: Path) -> dict[str, Any]:
+    """A ``learn.summary`` per model; those that were made before by the same choices are read."""
+    data: BenchData | None = None
+    done: dict[str, dict[str, Any]] = {}
+    for name in ("bouc_wen", *SAMPLES):  # the networks start from the fitted law
+        key = {"effects": dict(bench.effects), "params": bench.params.to_dict(), "samples": bench.samples,
+               "trajectories": bench.trajectories, "evaluation_samples": bench.evaluation_samples,
+               "seed": bench.seed, "recipe": asdict(recipe), "model": name}  # fmt: skip
+        path = out / f"{name}.json"
+        kept = read_json_file(path, "remove it, and the model is made again") if path.is_file() else None
+        if not isinstance(kept, dict) or kept.get("key") != json.loads(json.dumps(key)):
+            if data is None:
+                print(f"running the bench for {out}", flush=True)
+                data = run_bench(bench)
+            kept = {"key": key, **_train(name, data, done.get("bouc_wen", {}).get("bouc_wen"), recipe, out)}
+            write_text(path, json.dumps(kept, indent=1))
+        done[name] = kept
+    return {name: done[name]["summary"] for name in COLOURS}
+
+
+def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe: FitCfg, out: Path) -> dict[str, Any]:
+    """Fit or train one model and judge it on the evaluation trajectories."""
+    assert data.evaluation is not None  # BenchCfg here always asks for them
+    if name == "bouc_wen":
+        print("fitting bouc_wen", flush=True)
+        fitted = learn.bench_parameters(fit(data.fit, exact=False, substeps=0, seed=recipe.seed).values)
+        torque, made = learn.bouc_wen_torque(data.evaluation, fitted, ZStep.EULER), {"bouc_wen": fitted}
+    else:
+        print(f"training {name}", flush=True)
+        learned = learn.learn(
+            data.fit, kind=name, bouc_wen=bouc_wen, z_step=ZStep.EULER, cfg=recipe, report=print_epoch
+        )
+        if learned.history.stopped == "interrupted":
+            raise KeyboardInterrupt
+        torque, made = learn.predict(learned.model, data.evaluation), {"training": learned.figures}
+        device = {key: value for key, value in MrParams() if key in network_file.DEVICE}  # the bench's: the paper's
+        model = replace(learned.model, source="mrwarp virtual bench", device=device)
+        network_file.save(model, out / f"{name}.safetensors")
+        with drawing(f"{name}_curves.png"):
+            plot_history(learned.history, name, out / f"{name}_curves.png")
+    errors = learn.errors(torque, data.evaluation)
+    by_current = {f"{amps:g}": list(values) for amps, values in errors.items()}
+    return {"summary": learn.summary(errors), "errors": by_current, **made}

@@ -1,0 +1,289 @@
+"""Figures 10 and 11: power, charge and temperatures of the pickup-and-return mission, from windows of every phase."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mrwarp import paper
+from mrwarp.energy import consistency
+from mrwarp.energy.power import BatteryCfg, ElectricalCfg
+from mrwarp.energy.thermal import ThermalCfg
+from mrwarp.enums import Coupling, ZStep
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.paper import PaperValue
+from mrwarp.runtime import drawing
+from mrwarp.trials import walk_figures, walk_pictures
+from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseLoad, calibrate, measure, run
+from mrwarp.usd.robot import CALF_COLUMNS
+from paper.reproduce import walks
+from paper.reproduce.cache import Job
+from paper.reproduce.comparison import Comparison, Findings, compare, identified, over_seeds
+from paper.reproduce.settings import ensembles
+from paper.study.plan import POWER_PRICE
+
+HELD = (3.0, 0.3)
+"""Payload [kg] and speed [m/s] of the walk of table 7 that is the mission's way back, see :class:`MissionCfg`."""
+
+RISES = {
+    "calf_walking": "calves, both walks",
+    "calf_standby": "calves, standby",
+    "all": "all motors, mission",
+    "proximal": "hips and thighs, mission",
+}
+"""Rises as the paper names them; that of hips and thighs follows from its other two."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Windows:
+    """What was simulated."""
+
+    phases: dict[str, dict[str, PhaseLoad]]
+    """By robot and phase."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission:
+    """Missions of the three robots, and the numbers that Go1's figures fixed."""
+
+    traces: dict[str, MissionTrace]
+    electrical: ElectricalCfg
+    thermal: ThermalCfg
+    battery: BatteryCfg
+    misfit: float
+    """To what Go1's calibration rows fit [W], root of the mean square, see table 6."""
+    loaded: Mapping[str, tuple[float, float]]
+    """Mean squared torque of hips and thighs and of calves [(N·m)^2] of Go1 in the walk :data:`HELD`, by what its
+    policies pay for a watt."""
+    held: float
+    """Share of time [1] in which MR_Go-SAL's calves are held in the walk :data:`HELD`; NaN if none arrived."""
+    arrivals: list[str]
+    """Note on windows that fell or came too late, see :func:`walks.lost`."""
+
+
+def simulate(job: Job) -> Findings:
+    """Simulate a window of every phase, one per policy, or repetitions of a single one."""
+    settings = job.settings
+    seeds = settings.policy_seeds if settings.policy_seeds > 1 else settings.rollouts
+    env = make_walk_cfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
+    cfg = MissionCfg(window=settings.window, seeds=seeds, env=env, seed=settings.seed)
+    return job.save(Windows(phases=measure(cfg, ensembles(settings.policies), job.report)))
+
+
+def read(job: Job) -> Mission:
+    """Carry the windows over the phases with the numbers calibrated on this run's Go1 alone."""
+    phases = job.load("windows", Windows).phases
+    walked = walks.read(job)
+    fit = walked.calibrated()
+    heat, battery, _ = calibrate(phases["go1"], fit.cfg, ThermalCfg(), BatteryCfg())
+    held = [r for r in walked.both if (r.robot, *r.cell) == ("mr_go_sal", *HELD)]
+    return Mission(
+        traces={robot: run(found, fit.cfg, heat, battery, feedback=False) for robot, found in phases.items()},
+        electrical=fit.cfg,
+        thermal=heat,
+        battery=battery,
+        misfit=fit.rmse,
+        loaded=_loaded(walked),
+        held=over_seeds(held[0].hold.mean(-1), walked.seed_of(held[0]))["ours"] if held else math.nan,
+        arrivals=arrivals(phases),
+    )
+
+
+def _loaded(walked: walks.Walks) -> dict[str, tuple[float, float]]:
+    """See :attr:`Mission.loaded`."""
+    others = [joint for joint in range(12) if joint not in CALF_COLUMNS]
+    found = {}
+    for price, variant in ((f"{POWER_PRICE:g}", "both"), ("nothing", "no_power_price")):
+        for result in walked.results[variant]:
+            if (result.robot, *result.cell) == ("go1", *HELD) and len(result.speed):
+                square = result.joints.torque_square.mean(0)
+                found[price] = float(square[others].mean()), float(square[list(CALF_COLUMNS)].mean())
+    return found
+
+
+def arrivals(phases: Mapping[str, Mapping[str, PhaseLoad]]) -> list[str]:
+    """Note on the windows of each robot; what did not finish one way counts on neither."""
+    counts = {
+        f"{paper.NAMES[robot]}, {name}": (phase.tried, phase.fell, phase.late)
+        for robot, found in phases.items()
+        for name, phase in found.items()
+    }
+    return [f"{note} A repetition counts if it finished both ways." for note in walks.lost(counts)]
+
+
+def fig10(job: Job) -> Findings:
+    """Power per phase, depletion, their changes by SAL, and what the paper's own numbers say of each other."""
+    found = read(job)
+    rows = []
+    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
+    for robot, trace in found.traces.items():
+        name = paper.NAMES[robot]
+        for phase, values in trace.power.items():
+            cell, quantity = figures[robot]["power"][phase], ("power", "W", 1)
+            standing = phase == "standby"
+            why = _standing(found, cell["paper"]) if standing else _walking(robot, found, phase)
+            ours = over_seeds(values[:1] if standing else values)  # a robot stands once, for all seeds
+            row = compare(f"{name}, {phase}", quantity, cell["paper"], ours, why, calibrated=cell["calibrated"])
+            rows.append(row)
+        cell, quantity = figures[robot]["depletion"], ("depletion", "points", 1)
+        theirs = PaperValue(mean=cell["paper"], sd=cell["paper_sd"])
+        ours, why = over_seeds(trace.depletion), _depletion(robot, found)
+        rows.append(compare(name, quantity, theirs, ours, why, calibrated=cell["calibrated"]))
+    changes = walk_figures.mission_changes(figures)
+    check = consistency.check()
+    first = check["by_speed"][0]
+    for name in ("outbound_power", "return_power", "depletion"):
+        why = (
+            f"The paper's own powers ask for {100.0 * (first['energy_ratio'] - 1.0):+.1f} % at equal speeds; what SAL "
+            "saves while walking is in the rows above."
+            if name == "depletion"
+            else _walking("mr_go_sal", found, name.removesuffix("_power"))
+        )
+        rows.append(change_row(found, changes[name], name.replace("_", " "), "change", why))
+    with drawing("power.png"):
+        walk_pictures.mission_power(found.traces, job.out / "power.png")
+    depletion = changes["depletion"]
+    return Findings(
+        rows=rows,
+        **identified(
+            ("depletion_lower", "SAL lowers the depletion against MR_Go", depletion["ours"] < 0.0),
+            (
+                "depletion_as_papers",
+                f"by at least {-100.0 * depletion['paper']:.1f} %",
+                depletion["ours"] <= depletion["paper"],
+            ),
+        ),
+        notes=[
+            *found.arrivals,
+            f"The paper's own numbers: SAL walks on {check['walking_power_ratio']:.3f} of MR_Go's power, so at equal "
+            f"speeds on {first['energy_ratio']:.3f} of its energy, but depletes {check['depletion_ratio']:.3f} of its "
+            f"charge ({first['deviation_in_sd']:.1f} SD apart). A walk of MR_Go-SAL at "
+            f"{first['reconciled_by']['sal_speed']:.2f} m/s would reconcile them.",
+        ],
+        pictures={"power.png": "Battery power and state of charge over the mission, mean over seeds"},
+        figures={"robots": figures, "changes": changes, "consistency": check},
+    )
+
+
+def fig11(job: Job) -> Findings:
+    """Temperature rises per robot, and the relief of the calves by SAL."""
+    found = read(job)
+    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
+    rows = []
+    for robot, trace in found.traces.items():
+        for name, title in RISES.items():
+            cell = figures[robot]["rise"][name]
+            ours, why = over_seeds(trace.rise[name]), _rise(robot, name, found)
+            condition = f"{paper.NAMES[robot]}, {title}"
+            rows.append(compare(condition, ("rise", "K", 2), cell["paper"], ours, why, calibrated=cell["calibrated"]))
+    changes = walk_figures.mission_changes(figures)
+    relief = changes["calf_walking_rise"]
+    whys = {"calf_walking": _relief(found), "all": _rise("mr_go_sal", "all", found)}
+    for name, why in whys.items():
+        rows.append(change_row(found, changes[f"{name}_rise"], RISES[name], "change of rise", why))
+    with drawing("temperature.png"):
+        walk_pictures.mission_temperature(found.traces, figures, job.out / "temperature.png")
+    least = f"SAL lowers the calves' rise while walking by at least {-100.0 * relief['paper']:.1f} %"
+    return Findings(
+        rows=rows,
+        **identified(
+            ("calves_cooler", least, relief["ours"] <= relief["paper"]),
+            (
+                "held_calves_stay_cool",
+                "held calves do not warm while standing",
+                figures["mr_go_sal"]["rise"]["calf_standby"]["mean"] <= 0.5,
+            ),
+        ),
+        notes=[
+            *found.arrivals,
+            f"{found.thermal.housing_capacity:.0f} J/K and {found.thermal.housing_resistance:.1f} K/W of the housings "
+            "are fitted to Go1's calves; every rise of the other robots, and of all motors, is a prediction.",
+        ],
+        reasons={
+            "mission.calf_heat/rise": _relief(found),
+            "mission.calf_heat/change": _relief(found),
+            "mission.all_heat": _price(found),
+        },
+        pictures={"temperature.png": "Motor temperatures over the mission, and rises next to the paper's (diamonds)"},
+        figures={"changes": changes},
+    )
+
+
+def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Comparison:
+    """What SAL changes against MR_Go, of ``walk_figures.mission_changes``; no spread when one repetition is left."""
+    n = min(len(found.traces[robot].depletion) for robot in walks.SAL)
+    sd = change["paper_sd"]
+    return compare(
+        f"MR_Go to MR_Go-SAL, {title}",
+        (quantity, "%", 1),
+        PaperValue(mean=100.0 * change["paper"], sd=None if sd is None else 100.0 * sd),
+        {"ours": 100.0 * change["ours"], "sd": 100.0 * change["sd"] if n > 1 else None, "n": n},
+        why,
+    )
+
+
+def _standing(found: Mission, theirs: float) -> str:
+    return (
+        f"Of our standing power {found.electrical.electronics:.0f} W are electronics, calibrated on Go1's rows with a "
+        f"wide interval (table 6); the paper's {theirs:.0f} W bound them from above."
+    )
+
+
+def _walking(robot: str, found: Mission, phase: str) -> str:
+    ours, theirs = float(found.traces[robot].power[phase].mean()), paper.MISSION_POWER
+    if robot != "mr_go_sal":
+        off = ours - theirs[robot][phase]
+        place = "within" if abs(off) <= found.misfit else "beyond"
+        return f"{off:+.1f} W are {place} the {found.misfit:.1f} W (RMS) to which Go1's rows fit, see table 6."
+    before = float(found.traces["mr_go"].power[phase].mean())
+    saved = theirs["mr_go"][phase] - theirs[robot][phase]
+    return f"SAL saves {before - ours:.0f} W here and {saved:.0f} W in the paper, see table 6 for the parts."
+
+
+def _depletion(robot: str, found: Mission) -> str:
+    trace, theirs = found.traces[robot], paper.MISSION_POWER[robot]
+    walked = float(sum(trace.seconds[name].mean() for name in ("outbound", "return")))
+    energy = sum(float((trace.power[name] * trace.seconds[name]).mean()) / 3600.0 for name in trace.power)
+    wanted = sum(theirs[name] * float(trace.seconds[name].mean()) / 3600.0 for name in trace.power)
+    return (
+        f"{walked:.0f} s of walking: our phases draw {energy:.1f} W·h, the paper's powers over the same "
+        f"times {wanted:.1f} W·h of the {found.battery.capacity:.0f} W·h that Go1's depletion gives."
+    )
+
+
+def _rise(robot: str, name: str, found: Mission) -> str:
+    if name in ("all", "proximal"):
+        return (
+            f"Hips and thighs warm by {float(found.traces[robot].rise['proximal'].mean()):.1f} K here; the paper's two "
+            f"means imply {paper.proximal_rise(robot):.1f} K: all motors have the calves' housing in our model, and "
+            "the policy chooses how much the thighs carry."
+        )
+    if robot == "go1":
+        left = float(found.traces[robot].rise[name].mean()) - paper.MISSION_RISE[robot][name]
+        return f"Go1's calves alone fix both numbers of the housings; their fit leaves {left:+.2f} K here."
+    relief = _relief(found)
+    return f"A prediction from Go1's calves; {relief[:1].lower()}{relief[1:]}"
+
+
+def _price(found: Mission) -> str:
+    """Why hips and thighs stay cool: what policies pay for a watt, an experiment."""
+    ours, theirs = float(found.traces["go1"].rise["proximal"].mean()), paper.proximal_rise("go1")
+    shares = " and ".join(
+        f"{100.0 * others / calves:.0f} % where policies pay {price} per watt"
+        for price, (others, calves) in found.loaded.items()
+    )
+    return (
+        f"Go1's hips and thighs warm by {ours:.1f} K and the paper's by {theirs:.1f}: a price on power unloads them; "
+        f"their squared torque is of the calves' {shares} (3 kg, 0.3 m/s)."
+    )
+
+
+def _relief(found: Mission) -> str:
+    rise = {robot: float(trace.rise["calf_walking"].mean()) for robot, trace in found.traces.items()}
+    load, speed = HELD
+    theirs = paper.TABLE_7[load, speed]["simulation"]
+    shares = f"{100.0 * found.held:.0f} % of the time and the paper's for {100.0 * theirs:.0f} % (table 7)"
+    held = "" if math.isnan(found.held) else f", which at {load:g} kg and {speed:g} m/s are held for {shares},"
+    return f"Our calves{held} warm by {rise['mr_go_sal']:.1f} K with SAL and {rise['mr_go']:.1f} K without."

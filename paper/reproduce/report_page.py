@@ -1,0 +1,151 @@
+"""The report: one offline HTML page and one Markdown file from the outcomes of a run, and a row of it as text."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from mrwarp.paper import TITLES
+from mrwarp.run_dir import versions, write_text
+from mrwarp.runtime import text_table
+from paper.reproduce import claims, pages, verdicts
+from paper.reproduce.cache import Outcome
+from paper.reproduce.comparison import RELATIVE, Comparison, Findings
+
+HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")
+"""Columns of the rows' table."""
+
+STATUS = {"made": "", "kept": "", "waiting": "not made yet", "failed": "failed", "not run": "not run"}
+"""What the report says of an entry without findings."""
+
+INTRODUCTION = (
+    "Each row has the paper's figure (mean ± SD), ours (mean ± sample SD), the difference relative to the paper's and "
+    "in units of the joint spread, the root of the two variances' sum (positive: ours is further from 0). A row "
+    "differs if it is off by more than one joint spread, or by more than 5 % where the paper states no spread. "
+    "'Calibrated' rows were used to fit a number of our model; for those 'chosen in view' a choice was made while the "
+    "paper's rows were looked at (docs/choices.md); 'predicted' is neither."
+)
+"""How to read the tables."""
+
+
+def write(outcomes: Mapping[str, Outcome], out: Path, command: str) -> tuple[Path, Path]:
+    """Write ``report.html`` and ``report.md`` of the entries, each in an atomic write.
+
+    Pictures lie in each experiment's folder below ``out``.
+    """
+    page = {
+        "entries": [
+            *_verdicts(outcomes),
+            *(_entry(outcome, out / name) for name, outcome in outcomes.items() if name in TITLES),
+        ],
+        "head": HEAD,
+        "introduction": INTRODUCTION,
+        "command": command,
+        "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
+    }
+    loader, written = PackageLoader("paper.reproduce", "."), []
+    for kind in ("html", "md"):
+        environment = Environment(
+            loader=loader, autoescape=kind == "html", undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        )
+        environment.filters["md"] = _text
+        text = environment.get_template(f"report.{kind}.jinja").render(**page)
+        written.append(write_text(out / f"report.{kind}", text.rstrip() + "\n"))
+    return written[0], written[1]
+
+
+def lines(outcome: Outcome) -> list[str]:
+    """The rows of one part as text, without their reasons."""
+    seconds = f" ({outcome.seconds:.0f} s)" if outcome.seconds else ""
+    found = ["", f"{TITLES[outcome.name]}: {outcome.status}{seconds}"]
+    if outcome.findings is None:
+        return [*found, f"  {outcome.message}".rstrip()]
+    rows = [cells(row, outcome.name)[:-1] for row in outcome.findings.rows]
+    if rows:
+        found += [f"  {row}" for row in text_table(HEAD[:-1], rows, left=len(rows[0]))]
+    return found + [f"  {'holds ' if holds else 'MISSED'}  {text}" for text, holds in outcome.findings.claims.items()]
+
+
+def cells(row: Comparison, part: str = "") -> list[str]:
+    """One row of an entry as text, in the order of :data:`HEAD`."""
+    chosen = verdicts.Mark.IN_VIEW if part in verdicts.IN_VIEW else verdicts.Mark.PREDICTED
+    theirs = "–" if row.paper is None else _spread(row.paper.mean, row.paper.sd, row.digits)
+    ours = _spread(row.ours, row.sd, row.digits) + ("" if row.sd is None else f" (n = {row.n})")
+    return [
+        row.condition,
+        row.quantity + (f" [{row.unit}]" if row.unit else ""),
+        theirs,
+        ours if math.isfinite(row.ours) else "no figure",
+        "" if row.relative is None or not math.isfinite(row.relative) else f"{100.0 * row.relative:+.1f} %",
+        "" if row.in_sd is None or not math.isfinite(row.in_sd) else f"{row.in_sd:+.1f}",
+        (verdicts.Mark.CALIBRATED if row.calibrated else chosen).value,
+        row.why if row.differs else "",
+    ]
+
+
+def _spread(mean: float, sd: float | None, digits: int) -> str:
+    return f"{mean:.{digits}f}" + ("" if sd is None else f" ± {sd:.{digits}f}")
+
+
+def agreement(rows: Sequence[Comparison]) -> str:
+    """How many rows agree by the measure of :attr:`Comparison.differs`."""
+    judged = [row for row in rows if row.paper is not None]
+    if not judged:
+        return ""
+    near = [not row.differs for row in judged if not row.calibrated]
+    fitted = len(judged) - len(near)
+    calibrated = f"; {fitted} more were used to calibrate" if fitted else ""
+    return (
+        f"{sum(near)} of {len(near)} rows within the joint spread, or {100.0 * RELATIVE:.0f} % where the "
+        f"paper states none{calibrated}"
+    )
+
+
+def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
+    """What the templates show of one entry."""
+    found = outcome.findings or Findings()
+    message = f"{STATUS[outcome.status]}: {outcome.message}".removesuffix(": ")
+    return {
+        "name": outcome.name,
+        "title": TITLES[outcome.name],
+        "message": message if outcome.findings is None else "",
+        "agreement": agreement(found.rows),
+        "claims": list(found.claims.items()),
+        "rows": [cells(row, outcome.name) for row in found.rows],
+        "notes": found.notes,
+        "tables": [(table.title, table.head, table.rows) for table in found.tables],
+        "pictures": [
+            {"file": file, "caption": caption, "data": base64.b64encode((folder / file).read_bytes()).decode()}
+            for file, caption in found.pictures.items()
+            if (folder / file).is_file()
+        ],
+    }
+
+
+def _verdicts(outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
+    """The claims of what was made, as a first entry; none where no claim has all its rows."""
+    found = verdicts.Results({name: asdict(o.findings) for name, o in outcomes.items() if o.findings is not None})
+    rows = []
+    for claim in claims.CLAIMS:
+        if claim.entry in found.parts:
+            try:
+                rows.append(pages.claim_row(verdicts.judge(claim, found)))
+            except KeyError:  # a row that this run has not, as where no robot arrived
+                continue
+    entry = {"name": "claims", "title": "Every claim of the paper that was made", "message": "", "agreement": ""}
+    table = ("Claims and verdicts, see docs/reproduce.md", pages.CLAIM_HEAD, rows)
+    return [{**entry, "claims": [], "rows": [], "notes": [], "tables": [table], "pictures": []}] if rows else []
+
+
+def _text(text: str) -> str:
+    """Text that Markdown shows as it is: on one line, without markup and without HTML."""
+    text = " ".join(str(text).split()).replace("\\", "\\\\").replace("&", "&amp;").replace("<", "&lt;")
+    for mark in "|`*[]#":
+        text = text.replace(mark, "\\" + mark)
+    return text.replace("_", "\\_") if "__" in text or text.startswith("_") else text

@@ -1,0 +1,211 @@
+"""Which policies the studies of section 6.2 compare, on which plants they are trained, and where their files lie."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared where command lines can read them)
+    AWARE,
+    CONVENTIONAL,
+    EXPLICIT,
+    MODELS,
+    PAYING,
+    PLANTS,
+    PUBLIC,
+    TRAINABLE,
+    Coupling,
+    ZStep,
+)
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.options.json_file import read_json_file
+from mrwarp.resources import POLICIES, policy_file, shipped_model
+from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.run_dir import plain, write_text
+from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
+
+SEEDS = (0, 1, 2, 3, 4)
+"""Training seeds of the studies' plants."""
+
+ENERGY_SEEDS = (0, 1, 2, 3, 4)
+"""Training seeds of the robots of tables 6 and 7, MR_Go-SAL with devices that stick excepted: a small price leaves
+their gaits so much freedom that three seeds spread the saving by half of itself."""
+
+POWER_PRICE = 0.002
+"""Price of a watt of motors and coils for the robots of tables 6 and 7 [1/W]. The paper says of its reward terms only
+that they were matched; what a price changes is in docs/reproduce.md."""
+
+HIGH_POWER_PRICE = 0.01
+"""Five times :data:`POWER_PRICE`: the other end of that comparison, and the origin of its trainings [1/W]."""
+
+HEIGHT = -300.0
+"""Weight of the squared error of the trunk's height there: with the usual -40, a robot that pays for power walks with
+straighter legs, and one with soft motors may sag."""
+
+TILT = -100.0
+"""Weight of the tilt in the trainings of the paper's tables: with the usual -3, a lean of 4 degrees costs 0.015 of a
+reward of 4 and stays; with this, it costs half a unit."""
+
+LOAD = (-0.5, 3.5)
+"""Mass added to the trunk there [kg]: tables 6 and 7 are walked with 0 and 3 kg."""
+
+HIGH_PRICE = POLICIES / "energy_high_price"
+"""Shipped policies of these robots, trained with :data:`HIGH_POWER_PRICE`."""
+
+RANDOMIZE = "ground"
+"""Randomisation between environments in the studies' trainings: the paper (section 6.2) lists what it matched between
+policies and names no randomisation of robot or device, so it is what legged_gym randomises by default."""
+
+STUDY = POLICIES / "study"
+"""Shipped policies of the studies, trained with the paper's explicit torque, with their training records."""
+
+BRAKE = POLICIES / "study_brake"
+"""Shipped policies of the studies that were trained with the brake constraint, with their training records."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyCfg:
+    """Choices that all trainings share: everything but plant and seed."""
+
+    num_envs: int = 64
+    """Parallel environments."""
+    iterations: int = 800
+    """PPO updates, the same for every policy."""
+    terrain: str = "flat"
+    """Ground and its curriculum."""
+    randomize: str = RANDOMIZE
+    """Randomisation between the environments, the same for every plant."""
+    coupling: Coupling = Coupling.EXPLICIT
+    """How the devices act: the paper's torque, or a brake that sticks; the robots of tables 6 and 7 have their own."""
+    power_price: float = POWER_PRICE
+    """Price of a watt [1/W]; only the robots of tables 6 and 7 pay it."""
+    learning: LearningCfg = field(default_factory=LearningCfg)
+    """How fast the networks learn."""
+    start_from: Path | None = None
+    """Folder of policies or of runs that the trainings begin with, each with that of its plant and seed; None draws
+    networks."""
+    seeds: tuple[int, ...] = SEEDS
+    """Training seeds."""
+    plants: tuple[str, ...] = field(default=PLANTS)
+    """Which plants to train on."""
+
+    def __post_init__(self) -> None:
+        check_seeds(self.seeds)
+        if unknown := [name for name in self.plants if name not in TRAINABLE]:
+            raise ValueError(f"plants = {unknown}: choose from {', '.join(TRAINABLE)}")
+        if self.iterations < 1:
+            raise ValueError(f"iterations = {self.iterations} must be at least 1")
+        if not 0.0 <= self.power_price < math.inf:
+            raise ValueError(f"power_price = {self.power_price} 1/W must be finite and not negative")
+
+
+def check_seeds(seeds: Sequence[int]) -> None:
+    """Raise ValueError where a training seed is named twice: two of one training are one value, with no spread."""
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds = {tuple(seeds)}: name each training seed once, at least one")
+
+
+def name(plant: str, seed: int) -> str:
+    """Name of a policy's files, without ending."""
+    return f"{plant}_seed{seed}"
+
+
+def start_file(folder: Path, plant: str, seed: int) -> Path:
+    """File that a training begins with: the checkpoint of its run there, with the critic, or else its policy."""
+    run = folder / name(plant, seed) / "checkpoint.pt"
+    return run if run.is_file() else policy_file(folder, plant, seed)
+
+
+def record_file(folder: Path, plant: str, seed: int) -> Path:
+    """Its training record."""
+    return folder / f"{name(plant, seed)}.json"
+
+
+def plant_cfg(
+    plant: str,
+    *,
+    num_envs: int = 64,
+    terrain: str = "flat",
+    threads: int = 0,
+    randomize: str = RANDOMIZE,
+    power_price: float = POWER_PRICE,
+    coupling: Coupling = Coupling.EXPLICIT,
+) -> EnvCfg:
+    """The walking task on a plant, with the paper's Euler step.
+
+    ``coupling``: how devices act (eqs. 6, 19, or a brake that sticks); those of ``PAYING`` act as their name says.
+
+    Observations, actions, rewards, commands and randomisation are the same for all of ``plan.PLANTS``; for ``PUBLIC``
+    but for the weight of the height; and for all of ``paper.ROBOTS`` and ``EXPLICIT``, which in addition pay
+    ``power_price`` and carry loads.
+
+    Raises:
+        ValueError: there is no such plant, or no such randomisation.
+    """
+    if plant not in TRAINABLE:
+        raise ValueError(f"plant = {plant!r}: choose from {', '.join(TRAINABLE)}")
+    bare = plant in (CONVENTIONAL, "go1")
+    paying = plant in PAYING
+    model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
+    cfg = make_walk_cfg(
+        num_envs=num_envs,
+        robot="go1" if bare else "mr_go",
+        actuator_model=model,
+        actuator_file=shipped_model(model),
+        sal=not (bare or plant == "mr_go"),
+        terrain=terrain,
+        threads=threads,
+        randomize=randomize,
+        coupling=(Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT) if paying else coupling,
+        z_step=ZStep.EULER,
+    )
+    if not paying:
+        cfg = replace(cfg, rewards=cfg.rewards.weighing(tilt=TILT))
+        return replace(cfg, gains=PUBLIC_GAINS, rewards=cfg.rewards.weighing(height=HEIGHT)) if plant == PUBLIC else cfg
+    return replace(
+        cfg,
+        rewards=cfg.rewards.weighing(power=0.0 - power_price, height=HEIGHT),
+        randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
+        currents=(CURRENT_GROUPS[-1],),
+    )
+
+
+def kept(path: Path, of: Mapping[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Figures that a file holds, or make them and write it: a study that was stopped goes on where it was.
+
+    Args:
+        path: The file; it also keeps what making them took.
+        of: The choices that the figures hang on; the file keeps them.
+        make: Measures them.
+
+    Raises:
+        ValueError: the file is damaged, or holds what other choices gave.
+    """
+    if not path.is_file():
+        begun, figures = time.process_time(), make()
+        content = {"of": of, "figures": figures, "processor_seconds": time.process_time() - begun}
+        write_text(path, json.dumps(plain(content), indent=1) + "\n")
+    found = read_json_file(path, "remove it to measure anew")
+    if not isinstance(found, dict) or found.get("of") != plain(of):
+        raise ValueError(f"{path}: measured with other choices than asked for; name another --out")
+    return found["figures"]
+
+
+def spent(out: Path) -> dict[str, float]:
+    """What a study's folder took, over all calls that filled it.
+
+    Returns:
+        ``measuring``: processor seconds of all that :func:`kept` made; ``training``: seconds of the trainings.
+    """
+    found = {"measuring": 0.0, "training": 0.0}
+    for path in sorted(out.rglob("*.json")):
+        content = read_json_file(path, "remove it to measure anew")
+        if isinstance(content, dict) and path != out / "result.json":
+            found["measuring"] += content.get("processor_seconds", 0.0)
+            found["training"] += content.get("seconds", 0.0) if path.name == "result.json" else 0.0
+    return found

@@ -1,0 +1,169 @@
+"""``mrwarp reproduce``: bad input is refused, small walks go through end to end and are not made twice."""
+
+import errno
+import json
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.paper import TITLES
+from mrwarp.run_dir import claim
+from paper.reproduce import cache
+from paper.reproduce import registry as catalogue
+from paper.reproduce.comparison import Findings
+from paper.reproduce.settings import NotYet, Settings
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["table99", "--out", "x"], "invalid choice: 'table99'"),
+        (["--out", "x"], "PART"),
+        (["table6", "--out", "x", "--distance", "0"], "--distance: 0 must be a positive number"),
+        (["table6", "--out", "x", "--distance", "nan"], "--distance: nan must be a positive number"),
+        (["table6", "--out", "x", "--distance", "inf"], "--distance: inf must be a positive number"),
+        (["table6", "--out", "x", "--rollouts", "0"], "--rollouts: 0 must be at least 1"),
+        (["table4", "--out", "x", "--impacts", "1.5"], "--impacts: '1.5' is not a whole number"),
+        (["table4", "--out", "x", "--threads", "-1"], "--threads: -1 must be at least 0"),
+        (["fig10", "--out", "x", "--window", "nan"], "--window: nan must be a positive number"),
+        (["fig10", "--out", "x", "--window", "inf"], "--window: inf must be a positive number"),
+    ],
+)
+def test_unusable_words_are_refused(argv: list[str], message: str, capsys: pytest.CaptureFixture) -> None:
+    """With exit code 2 and the reason."""
+    assert main(["reproduce", *argv]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--policy", "nothing.onnx"], "nothing.onnx: no such policy"),
+        (["--policy-sticking", *"abcdef"], "sticking: 6 policies, but 5 for every robot; name at least one and"),
+        (["--policy-mr-go", *"abcda"], "policies of mr_go: name each policy once; one that counts as two"),
+        (
+            ["--policy-go1", "a.onnx", "b.onnx"],
+            "policies: 2 for go1, 5 for mr_go, 5 for mr_go_sal; name the same",
+        ),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, options: list[str], message: str
+) -> None:
+    """Exit code 2, no folder; of policies that are there, or files that look like them."""
+    monkeypatch.chdir(tmp_path)
+    for name in (*"abcdef", "a.onnx", "b.onnx"):
+        (tmp_path / name).touch()
+    assert main(["reproduce", "table6", "--out", str(tmp_path / "out"), *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_settings_refuse_robots_with_different_numbers_of_policies() -> None:
+    """Those that paid a high price too: a reduction compares seeds of both robots."""
+    high = Settings().high
+    with pytest.raises(ValueError, match="high: name the same number of policies, at least one, for every robot"):
+        Settings(high={**high, "go1": high["go1"][:1]})
+
+
+@pytest.mark.parametrize("length", [0.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["distance", "window"])
+def test_settings_refuse_lengths_that_end_no_walk(name: str, length: float) -> None:
+    """From Python too, whichever of the two it is."""
+    with pytest.raises(ValueError, match=f"{name} = {length} m"):
+        Settings(**{name: length})
+
+
+def test_catalogue_is_ordered_and_described() -> None:
+    """Every need is known and comes before; ``all`` is every entry with a heading, none that only others read."""
+    seen: list[str] = []
+    for name, experiment in catalogue.CATALOGUE.items():
+        assert name == experiment.name
+        assert set(experiment.needs) <= set(seen)
+        assert experiment.compute.__doc__
+        seen.append(name)
+    assert [name for name in catalogue.CATALOGUE if name in TITLES] == list(TITLES)
+
+
+def test_stopped_run_leaves_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Ctrl-C: exit code 130, and the report says what was not run; how long it would have taken was said before."""
+
+    def stop(job: object) -> Findings:
+        """Stopped."""
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(catalogue.CATALOGUE, "walks", replace(catalogue.CATALOGUE["walks"], compute=stop))
+    assert main(["reproduce", "table6", "--out", str(tmp_path)]) == 130
+    assert capsys.readouterr().out.startswith("to make: walks 4 min, table6 1 s; about 4 min on two idle cores")
+    assert json.loads((tmp_path / "result.json").read_text())["parts"]["table6"]["status"] == "not run"
+    assert "not run" in (tmp_path / "report.md").read_text()
+
+
+def test_what_is_not_made_is_no_success(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A missing input is reported, and the exit code says that something was not made."""
+
+    def wait(job: object) -> Findings:
+        """Waits."""
+        raise NotYet("no policies yet")
+
+    monkeypatch.setitem(catalogue.CATALOGUE, "fig5", replace(catalogue.CATALOGUE["fig5"], compute=wait))
+    assert main(["reproduce", "fig5", "--out", str(tmp_path)]) == 1
+    assert json.loads((tmp_path / "result.json").read_text())["parts"]["fig5"]["status"] == "waiting"
+
+
+def test_a_folder_that_cannot_be_used_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """A file in its place, and one that another process writes to: exit code 2, one line."""
+    (tmp_path / "file").write_text("mine")
+    assert main(["reproduce", "fig5", "--out", str(tmp_path / "file")]) == 2
+    assert "file: cannot be written (it is a file); free it or name another --out" in capsys.readouterr().err
+    with claim(tmp_path / "out"):
+        assert main(["reproduce", "fig5", "--out", str(tmp_path / "out")]) == 2
+    assert "out: another run writes here; wait for it" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """It is not taken for a failure of one experiment after the other."""
+    parts = {name: replace(catalogue.CATALOGUE[name], compute=lambda _: Findings()) for name in ("fig5", "fig11")}
+    parts = {name: replace(part, needs=()) for name, part in parts.items()}
+    for name, part in parts.items():
+        monkeypatch.setitem(catalogue.CATALOGUE, name, part)
+    assert main(["reproduce", "fig5", "--out", str(tmp_path)]) == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    def full(path: Path, *_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(cache, "write_text", full)
+    capsys.readouterr()
+    assert main(["reproduce", "fig11", "fig5", "--out", str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert "No space left on device; make room" in error and error.count("\n") == 1
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.slow
+def test_short_walks_go_through_end_to_end(tmp_path: Path) -> None:
+    """Tables 6 and 7 and figures 8 and 9 over one metre: rows, pictures, report; the second run keeps all of it."""
+    argv = ["table6", "table7", "fig8", "fig9", "--out", str(tmp_path), "--distance", "1", "--rollouts", "1"]
+    assert main(["reproduce", *argv]) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    rows = result["parts"]["table6"]["rows"]
+    assert [row["calibrated"] for row in rows] == [True] * 4 + [False] * 16
+    assert {part["status"] for part in result["parts"].values()} == {"made"}
+    assert (tmp_path / "fig8" / "torques.png").stat().st_size > 10_000
+    assert (tmp_path / "report.html").read_text().count("data:image/png;base64") == 3
+    assert main(["reproduce", *argv]) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert {part["status"] for part in result["parts"].values()} == {"kept"}

@@ -1,0 +1,302 @@
+"""Entries that read the walks, on made-up trials: what fell or came late is told, and no claim holds without it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp import paper
+from mrwarp.energy import consistency
+from mrwarp.energy.power import JointLoad
+from mrwarp.trials.power_meter import CHANNELS, GaitTrace
+from mrwarp.trials.walk_figures import Saving
+from mrwarp.trials.walk_trials import WalkResult
+from paper.reproduce import cache, walk_results, walks
+from paper.reproduce.cache import Job
+from paper.reproduce.comparison import Findings, over_seeds
+from paper.reproduce.motors import electrical
+from paper.reproduce.motors.calf_torque import fig8
+from paper.reproduce.settings import Settings
+from paper.reproduce.walk_results import fig9, table6, table7
+
+TRIALS = np.arange(9)
+"""Three rollouts of each of three policies."""
+
+HOLD = {(0.0, 0.3): 0.4, (0.0, 0.5): 0.3, (3.0, 0.3): 0.5, (3.0, 0.5): 0.35}
+"""Share of time held: longer at low speed and with payload, and longer than the paper's."""
+
+
+def walked(robot: str, payload: float, command: float, trial: np.ndarray = TRIALS, late: int = 0) -> WalkResult:
+    """Trials that arrived; calves of MR_Go-SAL turn with less torque, so that all claims hold."""
+    n, devices = len(trial), 0 if robot == "go1" else 4
+    blank, idle, speed = np.zeros(n), np.zeros((n, 12)), 2.0 * command
+    power = paper.TABLE_6["go1", int(payload), command].power
+    square = np.full((n, 12), _square(power, speed) * (1.0 if robot == "go1" else 1.1))
+    counts = np.zeros((3, 160))
+    counts[:, 90] = n * 100.0
+    stance = np.zeros((4, 160))
+    if robot == "mr_go_sal":
+        stance[1, 95], stance[2, 82], stance[3, 95] = 3.0, 9.0, 1.0
+        square[:, 2::3] *= 0.2
+        counts[2] = np.roll(counts[2], -5)
+    return WalkResult(
+        robot=robot, payload=payload, command=command, mass=12.0 + payload, trial=trial,
+        joints=JointLoad(torque_square=square, speed=idle + speed, work_out=idle, work_in=idle,
+                coil=np.zeros((n, devices)), friction=np.zeros((n, devices))),
+        seconds=blank + 30.0 / command, motion={"speed": blank + command, "height": blank},
+        braking=0.5 * square, hold=np.full((n, devices), HOLD[payload, command]) + 0.01 * trial[:, None] % 3,
+        dynamic=np.zeros((n, devices)), counts=counts, stance=stance, fell=len(TRIALS) - n - late, late=late,
+        trace=GaitTrace(t=np.arange(2.0), values=dict.fromkeys(CHANNELS, np.zeros(2))),
+    )  # fmt: skip
+
+
+def _square(power: float, speed: float = 0.0) -> float:
+    """Torque squared [(N·m)^2] of motors that draw a power [W] at a speed [rad/s], for some resistance.
+
+    Beside them stand electronics of 60 W and 1 N·m of drive friction.
+    """
+    return 0.25 * (power - 60.0 - 12.0 * speed)
+
+
+def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int = 3) -> Path:
+    """A folder of walks in which all arrived but for the changed conditions; with a device that sticks all did."""
+    results = {(robot, *cell): walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD}
+    sticking = [result for (robot, *_), result in results.items() if robot != "go1"]
+    all_arrived = list(results.values())
+    results |= {(r.robot, r.payload, r.command): r for r in changed}
+    square = _square(paper.MISSION_POWER["go1"]["standby"])
+    standing = JointLoad(
+        torque_square=np.full(12, square),
+        speed=np.zeros(12),
+        work_out=np.zeros(12),
+        work_in=np.zeros(12),
+        coil=np.zeros(0),
+        friction=np.zeros(0),
+    )
+    data = walks.Walks(
+        results={
+            **dict.fromkeys(walks.VARIANTS, all_arrived),
+            "both": list(results.values()),
+            "constraint_coupling": sticking,
+        },
+        standing={
+            "go1": standing,
+            "mr_go": standing,
+            "mr_go_hold": replace(standing, torque_square=0.5 * standing.torque_square),
+        },
+        policies=dict.fromkeys(walks.VARIANTS, policies) | {"constraint_coupling": sticks},
+    )
+    (tmp_path / "walks").mkdir(exist_ok=True)
+    cache.save(tmp_path / "walks" / "walks.npz", data)
+    return tmp_path
+
+
+def job(folder: Path) -> Job:
+    """An entry's job on the walks of a folder."""
+    (folder / "entry").mkdir(exist_ok=True)
+    return Job(settings=Settings(), out=folder / "entry")
+
+
+def made(entry, folder: Path) -> Findings:
+    """What an entry finds in the walks of a folder."""
+    return entry(job(folder))
+
+
+@pytest.mark.parametrize("entry", [table7, fig8, fig9])
+def test_claims_hold_and_nothing_is_said_when_all_arrived(entry, tmp_path: Path) -> None:
+    """The made-up robots do as the paper says."""
+    found = made(entry, folder(tmp_path))
+    assert all(found.claims.values())
+    assert not any("fell" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("entry", "robot"), [(table7, "mr_go_sal"), (fig8, "mr_go_sal"), (fig8, "go1"), (fig9, "mr_go")]
+)
+def test_no_claim_holds_without_every_condition(entry, robot: str, tmp_path: Path) -> None:
+    """A condition in which nobody arrived is neither lower nor longer than another, and one note counts its trials."""
+    found = made(entry, folder(tmp_path, walked(robot, 3.0, 0.5, TRIALS[:0], late=2)))
+    own = [holds for name, holds in found.claims.items() if not name.startswith("a device that sticks")]
+    assert own and not any(own)
+    told = [note for note in found.notes if "fell" in note]
+    name = paper.NAMES[robot]
+    assert told == [
+        f"Only trials that arrived count. {name}, 3 kg, 0.5 m/s: 7 fell and 2 came too late of 9, which leaves no "
+        "figure."
+    ]
+
+
+def test_some_lost_trials_are_told_and_do_not_spoil_the_claims(tmp_path: Path) -> None:
+    """One note over both conditions that lost some."""
+    lost = walked("mr_go_sal", 0.0, 0.3, TRIALS[1:]), walked("mr_go_sal", 0.0, 0.5, TRIALS[2:], late=2)
+    found = made(table7, folder(tmp_path, *lost))
+    assert all(found.claims.values())
+    assert found.notes == (
+        "Only trials that arrived count. MR_Go-SAL, 0 kg, 0.3 m/s: 1 fell and 0 came too late of 9; MR_Go-SAL, 0 kg, "
+        "0.5 m/s: 0 fell and 2 came too late of 9.",
+    )
+
+
+def test_table7_says_longer_only_where_it_is(tmp_path: Path) -> None:
+    """Calves that are held for 10 % of the time stand still for less than the paper's; without a trial it says so."""
+    short = walked("mr_go_sal", 3.0, 0.3)
+    short = replace(short, hold=np.full((9, 4), 0.1))
+    found = made(table7, folder(tmp_path, short, walked("mr_go_sal", 3.0, 0.5, TRIALS[:0])))
+    why = {row.condition: row.why for row in found.rows}
+    assert "stand still for less time: 10 to 10 %" in why["3 kg, 0.3 m/s, paper's hardware"]
+    assert "stand still longer" in why["0 kg, 0.3 m/s, paper's hardware"]
+    assert why["3 kg, 0.5 m/s, paper's hardware"] == "No trial arrived."
+
+
+def test_one_surviving_policy_is_one_seed(tmp_path: Path) -> None:
+    """Of three policies one arrived, three times: a single value, unlike three seeds or rollouts of one policy."""
+    left = walked("mr_go_sal", 0.0, 0.3, TRIALS[1::3])
+    several = walks.read(job(folder(tmp_path, left)))
+    assert over_seeds(left.hold.mean(-1), several.seed_of(left))["n"] == 1
+    assert over_seeds(left.hold.mean(-1), several.seed_of(left))["sd"] is None
+    single = walks.read(job(folder(tmp_path, left, policies=1)))
+    assert over_seeds(left.hold.mean(-1), single.seed_of(left))["n"] == 3
+    rows = {row.condition: row for row in made(table7, folder(tmp_path, left, sticks=9)).rows}
+    assert rows["0 kg, 0.3 m/s, paper's hardware"].n == 1
+    assert rows["0 kg, 0.5 m/s, paper's hardware"].n == 3
+    assert rows["0 kg, 0.5 m/s, paper's hardware, a device that sticks"].n == 9
+
+
+def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
+    """A policy that lost two of its three trials weighs as much as the others, in the row and in its COT alike."""
+    left = walked("mr_go_sal", 0.0, 0.3, np.array([0, 1, 2, 4, 5, 7, 8]))
+    left = replace(
+        left, joints=replace(left.joints, torque_square=left.joints.torque_square * (1 + left.trial % 3)[:, None])
+    )
+    rows = {row.condition: row for row in made(table6, folder(tmp_path, left)).rows}
+    after, before = (rows[f"{robot}, 0 kg, 0.3 m/s"].ours for robot in ("MR_Go-SAL", "MR_Go"))
+    reduction = rows["SAL against MR_Go, 0 kg, 0.3 m/s"]
+    assert reduction.ours == pytest.approx(100.0 * (1.0 - after / before))
+    assert reduction.n == 3
+
+
+def test_lost_trials_of_every_walk_are_told(tmp_path: Path) -> None:
+    """Also of those that only a table next to the rows reads."""
+    found = walks.read(job(folder(tmp_path)))
+    fallen = [walked("mr_go_sal", 3.0, 0.5, TRIALS[1:])]
+    found.results.update(no_power_price=fallen, both=fallen)
+    told = found.arrivals("both", "constraint_coupling", "no_power_price")
+    note = "Only trials that arrived count. MR_Go-SAL, 3 kg, 0.5 m/s: 1 fell and 0 came too late of 9."
+    assert told == [note, f"Table 2's policies: {note}"]
+
+
+def test_friction_that_is_hidden_in_go1s_rows_is_told(tmp_path: Path) -> None:
+    """Walks whose motors explain 30 W less than was measured, and standing that they explain: 30 W, and less saved."""
+    lighter = []
+    for result in (walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD):
+        power = paper.TABLE_6["go1", int(result.payload), result.command].power
+        square = result.joints.torque_square * ((_square(power) - 7.5) / _square(power, 2.0 * result.command))
+        speed = np.ones_like(square)
+        lighter.append(replace(result, joints=replace(result.joints, torque_square=square, speed=speed)))
+    found = made(electrical.compute, folder(tmp_path, *lighter))
+    (table,) = (table for table in found.tables if "drive friction" in table.title)
+    cells = {row[0]: row[1:] for row in table.rows}
+    assert cells["drive_friction [N·m]"][0] == "0.00 (held)" and cells["drive_friction [N·m]"][1].startswith("2.50 ± ")
+    assert cells["Go1 standby"][1:] == ["92", "92"] and cells["their mismatch (RMS) [W]"][1] == "0.0"
+    two, three = (float(value) for value in cells["reduction of COT, 0 kg, 0.3 m/s [%]"][:2])
+    assert three < two
+    assert any("30 to 30 W while walking" in note for note in found.notes)
+
+
+def saved(payload: float, **changed) -> Saving:
+    """Some saving at 0.3 m/s."""
+    base = Saving(
+        payload=payload, command=0.3, hold_share=0.2, saving=1.0, cot_reduction=0.2, power_reduction=0.2,
+        saving_by_part={"copper_calves": 1.0, "copper_hips_thighs": 1.0}, bound={},
+        paper={"saving": 1.0, "cot_reduction": 0.25, "cot_reduction_sd": 0.02},
+    )  # fmt: skip
+    return replace(base, **changed)
+
+
+def test_the_table_of_one_gait_names_its_conditions() -> None:
+    """Conditions are joined by what they are, not by their place; one that is missing is said to be."""
+    cells = [saved(0.0, hold_share=0.2), saved(3.0, hold_share=0.3)]
+    rows = electrical.same_gait(cells, cells[1:]).rows
+    assert [row[1:3] for row in rows] == [["20.0 %", "no robot arrived"], ["30.0 %", "30.0 %"]]
+
+
+def test_a_reduction_has_the_spread_of_both_robots() -> None:
+    """MR_Go-SAL's COT scatters by 4 %, MR_Go's by 3 %: their ratio by 5 % of itself; one seed has no spread."""
+    cots = {("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
+            ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3}}  # fmt: skip
+    row = walk_results.reduction_row("SAL against MR_Go", saved(0.0), cots, "")
+    assert (row.ours, row.n) == (pytest.approx(20.0), 3)
+    assert row.sd == pytest.approx(100.0 * 0.8 * 0.05)
+    assert row.paper and row.paper.sd == pytest.approx(2.0)
+    cots["mr_go", 0.0, 0.3] = {"ours": 10.0, "sd": None, "n": 1}
+    assert walk_results.reduction_row("SAL against MR_Go", saved(0.0), cots, "").sd is None
+
+
+def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
+    """The table's columns, in percent of MR_Go's power, and the note's factors follow from ``holding_bound``."""
+    found = made(table6, folder(tmp_path))
+    (table,) = (table for table in found.tables if "closed form" in table.title)
+    (note,) = (note for note in found.notes if "closed form" in note)
+    figures = found.figures
+    before = {(c["payload"], c["command"]): c["power"]["mean"] for c in figures["conditions"] if c["robot"] == "mr_go"}
+    factors = []
+    for saved, row in zip(figures["savings"], table.rows, strict=True):
+        cell = saved["payload"], saved["command"]
+        mine = consistency.holding_bound(
+            saved["hold_share"], 12.0 + cell[0], standing=figures["standing"]["go1"] - figures["standing"]["mr_go_hold"]
+        )
+        assert row[4:] == [f"{100.0 * saved['saving'] / before[cell]:.1f}", f"{100.0 * mine / before[cell]:.1f}"]
+        factors.append(saved["saving"] / mine)
+        hardware = consistency.holding_bound(paper.TABLE_7[cell]["hardware"], paper.MASS["mr_go"] + cell[0])
+        assert row[2] == f"{100.0 * hardware / paper.TABLE_6['mr_go', *cell].power:.1f}"
+    assert f"{min(factors):.2f} to {max(factors):.2f} times ours" in note
+    grown, by_load = 27.6 / 14.6, (15.6 / 12.6) ** 2 * 159.9 / 201.2
+    assert f"factor of {grown:.2f}, {by_load:.2f} of it by load" in note
+
+
+def test_what_the_devices_cost_is_told_beside_the_papers(tmp_path: Path) -> None:
+    """MR_Go minus Go1 in each condition in which both arrived, the paper's with the spread of its two COTs."""
+    found = made(table6, folder(tmp_path, walked("mr_go", 3.0, 0.5, TRIALS[:0], late=2)))
+    (table,) = (table for table in found.tables if "more than Go1" in table.title)
+    assert [row[0] for row in table.rows] == ["0 kg, 0.3 m/s", "0 kg, 0.5 m/s", "3 kg, 0.3 m/s"]
+    powers = {(c["robot"], c["payload"], c["command"]): c["power"]["mean"] for c in found.figures["conditions"]}
+    more = [powers["mr_go", load, v] - powers["go1", load, v] for load, v in ((0.0, 0.3), (0.0, 0.5), (3.0, 0.3))]
+    assert [row[1] for row in table.rows] == [f"{watts:+.0f}" for watts in more]
+    bare, loaded = (paper.TABLE_6[robot, 0, 0.3] for robot in ("go1", "mr_go"))
+    assert table.rows[0][2] == f"{loaded.power - bare.power:+.0f} ± {np.hypot(bare.power_sd, loaded.power_sd):.0f}"
+    assert any(f"ours draws {min(more):+.0f} to {max(more):+.0f} W more" in note for note in found.notes)
+
+
+def test_the_tail_of_the_torque_is_told_by_what_the_gate_does(tmp_path: Path) -> None:
+    """Three of four torque steps beyond Go1's 95th percentile come before the calf is held, none while it is."""
+    found = made(fig8, folder(tmp_path))
+    (tail,) = (table for table in found.tables if table.id == "tail")
+    assert tail.rows[0] == ["0 kg, 0.3 m/s", "5.2", "0, 0", "75, 23", "0, 69", "25, 8"]
+    why = found.reasons["walk.calf_torque"]
+    assert "75 to 75 % come before the calf is held" in why and "0 to 0 % while it is, and 25 to 25 % after" in why
+
+
+def test_robots_walk_at_the_speeds_that_the_paper_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All but one variant, which keeps the commands; what the tables are about is walked by each policy three times."""
+    asked = []
+    monkeypatch.setattr(walks, "walk", lambda cfg, policies, report: asked.append(cfg) or [])
+    monkeypatch.setattr(walks, "ensembles", lambda paths: dict(paths))
+    monkeypatch.setattr(walks, "Ensemble", tuple)
+    monkeypatch.setattr(walks, "standing_load", lambda *_, **__: (None, {}))
+    walks.simulate(Job(settings=Settings(), out=tmp_path))
+    by_name = dict(zip(walks.VARIANTS, asked, strict=True))
+    assert [name for name, cfg in by_name.items() if not cfg.commanded] == ["as_commanded"]
+    assert by_name["both"].commanded["mr_go_sal", 3, 0.3] == 0.33
+    assert by_name["both"].trials == 3 * by_name["as_commanded"].trials == 15
+
+
+def test_table_7_has_the_papers_simulation_next_to_walks_as_commanded(tmp_path: Path) -> None:
+    """Its hardware stands next to walks at the measured speeds."""
+    place = folder(tmp_path)
+    data = cache.load(place / "walks" / "walks.npz", walks.Walks)
+    nominal = [replace(r, hold=np.full_like(r.hold, 0.123)) for r in data.results["as_commanded"]]
+    cache.save(place / "walks" / "walks.npz", replace(data, results={**data.results, "as_commanded": nominal}))
+    ours = {row.condition: row.ours for row in made(table7, place).rows}
+    assert ours["3 kg, 0.5 m/s, paper's simulation"] == pytest.approx(12.3)
+    assert ours["3 kg, 0.5 m/s, paper's hardware"] > 30.0

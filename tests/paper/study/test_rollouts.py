@@ -1,0 +1,90 @@
+"""Rollouts: figures against NumPy, independence of the company, and what a fall leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.trials.power_meter import MotionMeter
+from paper.study.rollouts import METRICS, EvaluationCfg, roll_out
+
+PLANT = make_walk_cfg()
+CFG = EvaluationCfg(rollouts=2, warmup=0.1, seconds=0.4, seed=5)
+
+
+@pytest.fixture(scope="module")
+def policy() -> OnnxPolicy:
+    """The shipped policy."""
+    return OnnxPolicy(DEFAULT_POLICY)
+
+
+def still(obs: TensorDict) -> torch.Tensor:
+    """A policy that stands."""
+    return torch.zeros(obs.batch_size[0], 12)
+
+
+def jump(obs: TensorDict) -> torch.Tensor:
+    """A policy that throws the robot over."""
+    return torch.full((obs.batch_size[0], 12), 12.0) * torch.tensor([1.0, -1.0, 1.0] * 4)
+
+
+def test_figures_equal_those_of_the_recorded_states(policy: OnnxPolicy, monkeypatch: pytest.MonkeyPatch) -> None:
+    """RMSE, bias, height, tilt and yaw rate of 20 steps, from the states that the rollout went through."""
+    seen: list[dict[str, np.ndarray]] = []
+    original = MotionMeter.add
+
+    def spy(meter: MotionMeter, counted: torch.Tensor) -> None:
+        env = meter._env
+        up = -env.gravity.double().numpy()
+        state = {"v": env.body_velocity, "z": env.root_pos[:, 2:], "yaw": env.root_ang[:, 2:]}
+        seen.append({"up": up, **{name: value.double().numpy().copy() for name, value in state.items()}})
+        original(meter, counted)
+
+    monkeypatch.setattr(MotionMeter, "add", spy)
+    found = roll_out(CFG, PLANT, [policy], [1.5])
+    assert len(seen) == 20
+    v, z, yaw, up = (np.stack([state[name] for state in seen]) for name in ("v", "z", "yaw", "up"))
+    roll, pitch = np.arctan2(up[..., 1], up[..., 2]), np.arcsin(-up[..., 0])
+    expected = {
+        "v_x_rmse": np.sqrt(((v[..., 0] - 0.5) ** 2).mean(0)),
+        "v_x_bias": (v[..., 0] - 0.5).mean(0),
+        "height": z[..., 0].mean(0),
+        "height_rmse": np.sqrt(((z[..., 0] - PLANT.rewards.target_height) ** 2).mean(0)),
+        "tilt_rms": np.degrees(np.sqrt((roll**2 + pitch**2).mean(0))),
+        "yaw_rate_rmse": np.sqrt((yaw[..., 0] ** 2).mean(0)),
+    }
+    assert set(expected) == set(METRICS)
+    for name, value in expected.items():
+        np.testing.assert_allclose(found.figures[name][0], value, rtol=2e-5, err_msg=name)
+    assert not found.fell.any()
+
+
+def test_figures_do_not_depend_on_the_company(policy: OnnxPolicy) -> None:
+    """A policy alone and next to others, and two copies of it: the same bits."""
+    alone = roll_out(CFG, PLANT, [policy], [1.5])
+    together = roll_out(CFG, PLANT, [still, policy, policy], [0.0, 1.5, 1.5])
+    for name in METRICS:
+        np.testing.assert_array_equal(together.figures[name][1], alone.figures[name][0], err_msg=name)
+        np.testing.assert_array_equal(together.figures[name][2], alone.figures[name][0], err_msg=name)
+    assert (np.abs(together.figures["v_x_bias"][0]) > 0.3).all()  # it stands
+
+
+def test_rollout_that_falls_says_so_and_counts_up_to_there() -> None:
+    """Within 2 s; its figures stay finite, and those of the other policy too."""
+    cfg = replace(CFG, warmup=0.0, seconds=2.0)
+    found = roll_out(cfg, PLANT, [jump, still], [0.0, 0.0])
+    assert found.fell[0].all() and not found.fell[1].any()
+    for name in METRICS:
+        assert np.isfinite(found.figures[name]).all(), name
+
+
+def test_configuration_refuses_nonsense() -> None:
+    """No rollouts, no time."""
+    with pytest.raises(ValueError, match="rollouts = 0 must be at least 1"):
+        replace(CFG, rollouts=0)
+    with pytest.raises(ValueError, match=r"seconds = 0\.0 must be positive"):
+        replace(CFG, seconds=0.0)
