@@ -3,7 +3,7 @@
 The rule, which stood before the run. A prediction's centre is what was measured, carried over by a closed form; its
 half width is that of a 90 % interval by Student's t over training seeds, of which one in ten is missed by chance:
 
-* *New training seeds* (:data:`NEW_SEEDS`) of table 2's policies: the mean over n seeds foretells that over m others,
+* *New training seeds* (:data:`NEW_SEEDS`) of table 2's policies: the mean over n seeds predicts that over m others,
   half width t s sqrt(1/n + 1/m). The first were trained with the devices' network of an earlier bench, these with the
   one that is shipped; the rule takes that for nothing.
 * *The same policies elsewhere*, from poses and gait phases that they never started from: half width t s/sqrt(n),
@@ -241,7 +241,7 @@ def files() -> list[Path]:
 
 @dataclass(frozen=True, kw_only=True)
 class Trials:
-    """What came of the policies that were there when the intervals were frozen."""
+    """Outcomes of the policies that were there when the intervals were frozen."""
 
     came: dict[str, dict[str, float]]
     """By condition and quantity."""
@@ -306,7 +306,7 @@ def findings(pairs: list[tuple[Prediction, float | None]]) -> Findings:
 
 
 Came = Mapping[tuple[str, str], float]
-"""What came, by condition and quantity."""
+"""Outcomes by condition and quantity."""
 
 
 def _trained(job: Job) -> Came:

@@ -65,7 +65,7 @@ COLUMNS = (Drop(), Drop(brake=True))
 """The columns of every row."""
 
 DROPS = (*COLUMNS, Drop(rigid=True), Drop(holding=False))
-"""What is dropped on the robots of table 4 and figure 7."""
+"""Ways to drop the mass on the robots of table 4 and figure 7."""
 
 BOUND = (0.8, 1.6, 3.0, 6.0, 12.0, 25.0)
 """Sliding torques of devices that bound what any can do [N·m]: from eq. 14's at 1.5 A and 3 rad/s to eq. 18's yield

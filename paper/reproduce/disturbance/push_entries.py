@@ -37,7 +37,7 @@ REDUCED = {
     "peak": ("reduction of motor torque", "%", 2),
     "motor": ("reduction of mean motor torque in 0.1 s", "%", 2),
 }
-"""What 1.5 A reduce against no current; the motor's torque is the peak of the loaded calves, or the mean over all."""
+"""Reductions by 1.5 A against no current; the motor's torque is the peak of the loaded calves, or the mean over all."""
 
 PAPERS = {"drop": "drop", "peak": "motor", "motor": "motor"}
 """Which figure of ``paper.THRESHOLDS`` each stands next to."""

@@ -50,7 +50,7 @@ NO_DRAG = {"D": 0.0, "B": 0.0, "C": 0.0, "I1": 0.0, "K0": 0.0}
 
 
 def papers_zero() -> dict[str, float]:
-    """What the paper has at 0 A: drop [m], peak speed [m/s], and the front leg's peak motor torque [N·m]."""
+    """The paper's row of 0 A: drop [m], peak speed [m/s], and the front leg's peak motor torque [N·m]."""
     row, leg = paper.TABLE_4["simulation"][0.0], paper.FIGURE_6_PUSH[PAIR[0]]
     return {
         "drop": HEIGHT - row["min_height"].mean,
@@ -107,7 +107,7 @@ READINGS = (
     Reading(learned=True),
     *SQUARE[1:],
 )
-"""What is pushed; the first two are the columns of every row."""
+"""Readings that are pushed; the first two are the columns of every row."""
 
 
 def config(reading: Reading, settings: Settings, variants: tuple[Variant, ...], duration: float) -> ImpactCfg:
@@ -193,7 +193,7 @@ def zero_rows(pusher: Pusher) -> list[ZeroRow]:
 
 
 def duration_effects(pusher: Pusher) -> list[dict[str, np.ndarray]]:
-    """What 1.5 A change against 0 A [%] in each of :data:`CELLS`, shape (policies,), by :data:`DURATIONS`.
+    """Changes from 0 to 1.5 A [%] in each of :data:`CELLS`, shape (policies,), by :data:`DURATIONS`.
 
     Of the paper's torque; it stands next to the rows of 0 A and chooses nothing.
     """
@@ -245,7 +245,7 @@ class PushResult:
 
 
 SERIES = ("t", "height", "velocity", "tau_motor", "tau_mr", "m_dyn", "f_foot", "fell")
-"""What is kept of the traces of :data:`LITERAL` and :data:`JOINT`."""
+"""Series that are kept of :data:`LITERAL` and :data:`JOINT`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,7 +253,7 @@ class Pushes:
     """The simulated pushes."""
 
     zeros: list[ZeroRow]
-    """What the duration was chosen among."""
+    """Rows that the duration was chosen among."""
     durations: list[dict[str, np.ndarray]]
     """:func:`duration_effects`."""
     results: list[PushResult]

@@ -56,8 +56,8 @@ def compute(job: Job) -> Findings:
             f"{zero.speed:.3f} m/s, peak motor torque {zero.peak:.1f} N·m (the paper {wanted['drop']:.3f}, "
             f"{wanted['speed']:.3f}, {wanted['peak']:.1f}); it falls from {zero.onset:.3f} m, the paper's from "
             f"{push_rule.HEIGHT:.3f} m.",
-            f"Without current the trunk is lowest {lowest['time']:.2f} s after the onset, when the legs that swung "
-            f"then bear {100.0 * lowest['caught']:.0f} % of the feet's load; in {100.0 * lowest['later']:.0f} % of the "
+            f"Without current the trunk is lowest {lowest['time']:.2f} s after the onset. By then the legs that swung "
+            f"bear {100.0 * lowest['caught']:.0f} % of the feet's load. In {100.0 * lowest['later']:.0f} % of the "
             "pushes a later stance is lower.",
             f"The mass meets the trunk through a pad of {drop_trials.STIFFNESS / 1e3:.1f} kN/m.",
             *(
@@ -119,7 +119,7 @@ def _pushed(found: Pushes, reading: push_rule.Reading, amps: float) -> list[Comp
 
 
 def _effects(result: PushResult) -> list[Comparison]:
-    """What each current changes against 0 A, each policy against itself."""
+    """Changes by each current against 0 A, each policy against itself."""
     rows, theirs = [], paper.TABLE_4["simulation"]
     for amps in CURRENTS:
         for cell, (title, _, _) in TITLES.items():
@@ -145,7 +145,7 @@ def _dropped(values: dict[str, np.ndarray], cell: str) -> str:
 
 
 def _zeros(found: Pushes) -> TextTable:
-    """What the duration was chosen among."""
+    """Rows that the duration was chosen among."""
     wanted = push_rule.papers_zero()
     rows = [
         [f"{z.duration:g}", f"{z.onset:.3f}", f"{z.drop:.3f}", f"{z.speed:.3f}", f"{z.peak:.1f}", f"{z.score:.3f}"]
@@ -181,7 +181,7 @@ def _with_sd(effect: Mapping[str, Any]) -> str:
 
 
 def _readings(found: Pushes) -> TextTable:
-    """What each reading gives."""
+    """Both cells of table 4 by each reading."""
     theirs = paper.TABLE_4["simulation"]
 
     def ours(result: PushResult, cell: str) -> str:
@@ -239,7 +239,7 @@ def _knees() -> TextTable:
 
 
 def _falls(dropped: Drops) -> TextTable:
-    """What current changes under the falling mass in every way to drop it, each policy against itself."""
+    """Changes by current under the falling mass in every way to drop it, each policy against itself."""
 
     def change(values: np.ndarray, k: int) -> str:
         zero, now = (policy_means(values[place], dropped.policies) for place in (0, k))
@@ -269,7 +269,7 @@ def _falls(dropped: Drops) -> TextTable:
 
 
 def _bound(dropped: Drops) -> TextTable:
-    """What a device could do after the hardware's impact, at any torque."""
+    """Changes by a device of any torque after the hardware's impact."""
     rows = []
     for name, values in dropped.bound.items():
         for k, torque in enumerate(drop_trials.BOUND, start=1):

@@ -53,7 +53,7 @@ class Knees:
 
 @dataclass(frozen=True, kw_only=True)
 class Fall:
-    """What comes of a push."""
+    """Result of a push."""
 
     height: float
     """Minimum [m]."""

@@ -1,4 +1,4 @@
-"""Predictions are frozen once, by the stated rule, and a miss is told."""
+"""Predictions are frozen once, by the stated rule, and a miss is reported."""
 
 import math
 from dataclasses import replace
@@ -52,7 +52,7 @@ def test_what_is_no_longer_made_is_withdrawn() -> None:
     assert "1 of 1 hit their 90 % interval" in title and "not run yet" not in title
 
 
-def test_misses_are_told() -> None:
+def test_misses_are_reported() -> None:
     """Outside, and where no robot arrived."""
     found = predictions.findings([(NARROW, 3.2), (NARROW, 3.6), (NARROW, math.nan), (NARROW, None)])
     assert [row[-1] for row in found.tables[0].rows] == ["hit", "missed", "missed", "not run yet"]

@@ -49,7 +49,7 @@ def pushed(torque: np.ndarray | None = None, level: float = 1.1) -> push_rule.Pu
 
 
 def made(entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: push_rule.Pushes) -> Findings:
-    """What an entry finds in these pushes and falling masses."""
+    """Findings of an entry in these pushes and falling masses."""
     monkeypatch.setattr(push_rule, "read", lambda job: found)
     monkeypatch.setattr(drop_trials, "read", lambda job: dropped())
     return entry(Job(settings=Settings(), out=tmp_path))
