@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.reproduce.disturbance.test_drop_entries import dropped
 
 from mrwarp import paper
 from mrwarp.trials.impact import ImpactTrace
@@ -15,6 +14,7 @@ from paper.reproduce.comparison import Findings
 from paper.reproduce.disturbance import drop_trials, push_entries, push_rule, table4
 from paper.reproduce.disturbance.push_rule import JOINT, LITERAL, PAIR
 from paper.reproduce.settings import Settings
+from tests.paper.reproduce.disturbance.test_drop_entries import dropped
 
 TRIALS = 6
 """Two of each of three policies."""
