@@ -21,20 +21,18 @@ test: $(READY)
 test-slow: $(READY)
 	$(PY) -m pytest $(SHARED_OUT) -m slow || [ $$? -eq 5 ]
 
-# mjlab pins another MuJoCo, so it has an environment of its own, without mrwarp's dependencies
+# mjlab pins another MuJoCo, so it has an environment of its own, with mrwarp's core
 test-mjlab:
 	test -x .venv-mjlab/bin/pytest || { $(PYTHON) -m venv .venv-mjlab && .venv-mjlab/bin/python -m pip install \
-		-c <(grep -E '^(torch|safetensors)==' constraints.txt) torch mjlab==1.6.0 safetensors pytest; }
+		-c <(grep -E '^(torch|warp-lang)==' constraints.txt) mjlab==1.6.0 -e . pytest; }
 	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest tests/integrations/test_mjlab.py
 
-# the oldest that the drive and the joint work with, which Isaac Lab 3.0.0 pins; the pins of constraints.txt are the newest
-OLDEST := newton[sim]==1.6.1 warp-lang==1.17.0 mujoco==3.12.0 mujoco-warp==3.12.0 torch==2.11.0 rsl-rl-lib==5.5.1
+# exactly the lower bounds of pyproject.toml, for the joint and the drive; Isaac Lab 3.0.0 pins these Newton, Warp, MuJoCo, torch
+OLDEST = $(shell sed -n '/^dependencies/,/^\]/p;/^sim = /,/^\]/p' pyproject.toml | sed -nE 's/^ *"([^>]*)>=([0-9.]*).*/\1==\2/p')
 HOSTS := tests/actuator/test_newton_drive.py tests/actuator/test_joint_batch.py tests/mujoco
 test-oldest:
-	test -x .venv-oldest/bin/pytest || { $(PYTHON) -m venv .venv-oldest && .venv-oldest/bin/python -m pip install \
-		-c <(grep -vE '^(torch|newton|warp-lang|mujoco|mujoco-warp|rsl-rl-lib|setuptools)==' constraints.txt) '$(subst $() ,' ',$(OLDEST))' \
-		$$(sed -n '/^dependencies/,/^\]/s/^ *"\([a-z-]*\).*/\1/p' pyproject.toml | grep -v warp) \
-		usd-core newton-usd-schemas safetensors onnx onnxruntime pytest; }
+	test -x .venv-oldest/bin/pytest || { $(PYTHON) -m venv .venv-oldest && \
+		.venv-oldest/bin/python -m pip install $(foreach pin,$(OLDEST),'$(pin)') -e . pytest; }
 	PYTHONPATH=. .venv-oldest/bin/python -m pytest --noconftest $(HOSTS)
 
 lint: $(READY)

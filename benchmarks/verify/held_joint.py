@@ -37,7 +37,7 @@ CURRENT = 1.5
 LOADS = (0.3, 0.9)
 """Loads on the held joint, shares of tau_y."""
 
-CREEP_LIMITS = (1.1e-4, 3.3e-4)
+CREEP_LIMITS = (1.0e-4, 3.0e-4)
 """Largest creep under these loads [rad/s]."""
 
 BREAKAWAY_LIMITS = (0.99, 1.01)

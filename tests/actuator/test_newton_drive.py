@@ -334,21 +334,15 @@ def yield_torque(current: float) -> float:
     return hold.T_max * current**hold.n / (hold.K**hold.n + current**hold.n)
 
 
-@pytest.mark.parametrize("f_foot", [None, 50.0])
-def test_brake_holds_below_yield_and_slips_above(f_foot: float | None) -> None:
-    """Under 90 % of tau_y(I) the joint creeps as predicted, below 1e-3 rad/s; under 110 % it slips as predicted.
-
-    Creep of MuJoCo's friction row with damping 1/dt: qd = dt*R*tau with R = (1 - imp)/imp * invweight, invweight = 1/J.
-    """
-    current, steps = 0.5, 40
-    load = np.array([0.9, 1.1]) * yield_torque(current)
+def loaded_speeds(load: np.ndarray, current: float, f_foot: float | None, steps: int) -> np.ndarray:
+    """Speeds [rad/s] of braked joints without a motor under torques [N·m], shape (steps, joints)."""
     motor_off = {"kp_base": 0.0, "kp_low": 0.0, "kd": 0.0, "tau_limit": 100.0, "q_neutral": 0.0}
-    model = scene(num=2, coupling="constraint", hold_current="fixed", **motor_off)
+    model = scene(num=len(load), coupling="constraint", hold_current="fixed", **motor_off)
     rig = Rig(model)
     solver = newton.solvers.SolverMuJoCo(model)
     rig.inputs.mr_current.fill_(current)
     rig.control.joint_act.assign(load.astype(np.float32))
-    rig.inputs.mr_foot_load = None if f_foot is None else wp.full(2, f_foot, dtype=float, device="cpu")
+    rig.inputs.mr_foot_load = None if f_foot is None else wp.full(len(load), f_foot, dtype=float, device="cpu")
     other = model.state()
     speeds = []
     for _ in range(steps):
@@ -357,7 +351,26 @@ def test_brake_holds_below_yield_and_slips_above(f_foot: float | None) -> None:
         solver.step(rig.state, other, rig.control, None, DT)
         rig.state, other = other, rig.state
         speeds.append(rig.state.joint_qd.numpy().copy())
-    held, slipping = np.array(speeds).T
+    return np.array(speeds)
+
+
+def test_a_held_joint_creeps_less_than_a_ten_thousandth() -> None:
+    """Under 30 % of its largest bound, that of 1.5 A: 1e-5 rad/s per N·m."""
+    load = 0.3 * yield_torque(1.5)
+    creep = loaded_speeds(np.array([load, -load]), 1.5, None, 40)[-1]
+    np.testing.assert_allclose(creep, np.array([1.0, -1.0]) * brake_constraint.CREEP * load, rtol=0.02)
+    assert np.abs(creep).max() < 1e-4
+
+
+@pytest.mark.parametrize("f_foot", [None, 50.0])
+def test_brake_holds_below_yield_and_slips_above(f_foot: float | None) -> None:
+    """Under 90 % of tau_y(I) the joint creeps as predicted, below 1e-3 rad/s; under 110 % it slips as predicted.
+
+    Creep of MuJoCo's friction row with damping 1/dt: qd = dt*R*tau with R = (1 - imp)/imp * invweight, invweight = 1/J.
+    """
+    current, steps = 0.5, 40
+    load = np.array([0.9, 1.1]) * yield_torque(current)
+    held, slipping = loaded_speeds(load, current, f_foot, steps).T
     creep = brake_constraint.CREEP * load[0]
     assert np.abs(held).max() < 1e-3
     np.testing.assert_allclose(held[-1], creep, rtol=0.02)

@@ -1,5 +1,8 @@
 """The actuator of mjlab, in mjlab's own environment: `make test-mjlab`; skipped elsewhere."""
 
+from dataclasses import asdict
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,12 +10,20 @@ pytest.importorskip("mjlab", reason="mjlab has an environment of its own: make t
 
 import mujoco  # noqa: E402
 import torch  # noqa: E402
-from mjlab.entity import EntityArticulationInfoCfg, EntityCfg  # noqa: E402  # pyright: ignore[reportMissingImports]
-from mjlab.scene import Scene, SceneCfg  # noqa: E402  # pyright: ignore[reportMissingImports]
-from mjlab.sim.sim import MujocoCfg, Simulation, SimulationCfg  # noqa: E402  # pyright: ignore[reportMissingImports]
 
+# pyright: reportMissingImports=false
+from mjlab.entity import EntityArticulationInfoCfg, EntityCfg  # noqa: E402
+from mjlab.envs import ManagerBasedRlEnv  # noqa: E402
+from mjlab.managers.event_manager import RecomputeLevel  # noqa: E402
+from mjlab.rl import RslRlVecEnvWrapper  # noqa: E402
+from mjlab.scene import Scene, SceneCfg  # noqa: E402
+from mjlab.sim.sim import MujocoCfg, Simulation, SimulationCfg  # noqa: E402
+from mjlab.tasks.registry import list_tasks, load_env_cfg, load_rl_cfg, load_runner_cls  # noqa: E402
+
+from mrwarp.actuator import brake_constraint  # noqa: E402
 from mrwarp.enums import Coupling  # noqa: E402
-from mrwarp.integrations.mjlab import MrJointActuator, MrJointActuatorCfg  # noqa: E402
+from mrwarp.integrations.mjlab import MrJointActuator, MrJointActuatorCfg, brakes  # noqa: E402
+from mrwarp.integrations.mjlab.joint_actuator import mr_actuators  # noqa: E402
 from mrwarp.params import MrParams  # noqa: E402
 
 ARM = """
@@ -33,7 +44,9 @@ def arms(dt: float = 0.005, **cfg) -> tuple[Scene, Simulation, MrJointActuator]:
     scene = Scene(SceneCfg(num_envs=4, entities={"robot": entity}), "cpu")
     sim = Simulation(num_envs=4, cfg=SimulationCfg(mujoco=MujocoCfg(timestep=dt)), model=scene.compile(), device="cpu")
     scene.initialize(sim.mj_model, sim.model, sim.data)
+    sim.expand_model_fields(brakes.model_fields)  # as an environment does for its startup event
     (actuator,) = scene["robot"].actuators
+    actuator.prepare_brake()
     return scene, sim, actuator
 
 
@@ -70,6 +83,30 @@ def test_a_brake_holds_what_it_can_and_yields_to_more() -> None:
     assert float(swing(scene, sim, 100).min()) > 0.5
 
 
+@pytest.mark.parametrize("recomputed", [False, True])
+def test_a_held_joint_creeps_less_than_a_ten_thousandth(recomputed: bool) -> None:
+    """At 30 % of the largest bound of the paper's device, also after an event changed masses: 1e-5 rad/s per N·m."""
+    scene, sim, actuator = arms(current=1.5)
+    hold = MrParams().hold
+    bound = hold.T_max * 1.5**hold.n / (hold.K**hold.n + 1.5**hold.n)
+    if recomputed:
+        sim.recompute_constants(RecomputeLevel.set_const)
+    scene["robot"].set_joint_effort_target(torch.full((4, 1), 0.3 * bound - 2.0 * 9.81 * 0.2))
+    swing(scene, sim, 60)
+    assert float(actuator.brake_bound[0, 0]) == pytest.approx(bound, rel=1e-3)
+    creep = scene["robot"].data.joint_vel.abs()
+    np.testing.assert_allclose(creep, 0.3 * bound * 1e-5, rtol=0.03)
+    assert float(creep.max()) < 1e-4
+
+
+def test_a_brake_without_its_event_says_so() -> None:
+    """Else all environments would share one bound."""
+    scene, _, actuator = arms()
+    actuator._own_friction = None
+    with pytest.raises(RuntimeError, match="elbow need a startup event"):
+        scene.write_data_to_sim()
+
+
 def test_sliding_torque_grows_with_the_current_as_eq_14_says() -> None:
     """At constant speed 1 A adds K1*z/(1 + alpha*|qd|), with eq. 15's z = 1/(beta + gamma) within its bound."""
     p, dt, qd, torques = MrParams().bouc_wen, 0.005, 2.0, []
@@ -103,3 +140,33 @@ def test_the_motor_follows_its_command() -> None:
     cmd = actuator.get_command(scene["robot"].data)
     cmd.position_target[:], cmd.pos[:], cmd.vel[:] = torch.tensor([[0.1], [0.3], [-0.1], [0.0]]), 0.0, 0.0
     np.testing.assert_allclose(actuator.compute(cmd)[:, 0], [1.0, 2.0, -1.0, 0.0], atol=1e-6)
+
+
+def test_mjlabs_go1_trains_on_mr_calves(tmp_path: Path) -> None:
+    """The task of the entry point: PPO updates change the policy, gates and brakes work in each environment.
+
+    Its startup event ``base_com`` changes masses, after which mjlab derives the friction's regularisation again.
+    """
+    name = "Mrwarp-Velocity-Flat-MR-Go1"
+    assert name in list_tasks()
+    cfg, ppo = load_env_cfg(name), load_rl_cfg(name)
+    cfg.scene.num_envs, cfg.seed = 4, 1
+    ppo.num_steps_per_env, ppo.logger = 12, "tensorboard"
+    env = ManagerBasedRlEnv(cfg, device="cpu")
+    (calves,) = mr_actuators(env)
+    seen = []
+    env.recorder_manager.record_post_step = lambda: seen.append((calves.foot_load.clone(), calves.brake_bound.clone()))
+    runner = load_runner_cls(name)(RslRlVecEnvWrapper(env), asdict(ppo), str(tmp_path), "cpu")
+    before = torch.cat([x.flatten() for x in runner.alg.get_policy().parameters()]).clone()
+    runner.learn(num_learning_iterations=2)
+    after = torch.cat([x.flatten() for x in runner.alg.get_policy().parameters()])
+    assert bool(after.isfinite().all()) and not torch.equal(before, after)
+    load, bound = (torch.stack(x) for x in zip(*seen, strict=True))
+    assert len(load) == 24 and bool((load > 5.0).any()) and bool((load == 0.0).any())
+    assert 1.0 < float(bound.max()) < 30.0 and float(bound.std(dim=1).max()) > 0.1
+    dofs = calves._dofs
+    torch.testing.assert_close(
+        calves._field("dof_invweight0")[:, dofs], torch.full((4, 4), brake_constraint.invweight(0.005))
+    )
+    assert env.sim.wp_model.opt.ls_iterations == 30  # mjlab's 20 let a held joint drift
+    env.close()

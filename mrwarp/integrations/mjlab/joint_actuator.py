@@ -1,9 +1,8 @@
 """The MR joint as an actuator of mjlab: motor and device on a group of joints, with the simulator's own laws.
 
-Use it as any actuator of mjlab, in ``EntityArticulationInfoCfg(actuators=(MrJointActuatorCfg(...),))``; then, for every
-environment and joint, ``entity.actuators[k].current[:] = 1.0`` [A], at any time. See ``docs/integrations.md``.
-
-This is the only file that knows mjlab (1.6), which pins another MuJoCo; it needs neither Newton nor USD.
+Use it as any actuator of mjlab, in ``EntityArticulationInfoCfg(actuators=(MrJointActuatorCfg(...),))``, and with the
+constraint coupling give the task the event :func:`brakes`. Then, for every environment and joint,
+``entity.actuators[k].current[:] = 1.0`` [A], at any time. See ``docs/integrations.md``.
 """
 
 from __future__ import annotations
@@ -12,11 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+# pyright: reportMissingImports=false
 import torch
 import warp as wp
-from mjlab.actuator import Actuator, ActuatorCfg, ActuatorCmd  # pyright: ignore[reportMissingImports]
-from mjlab.sim.randomization import expand_model_fields  # pyright: ignore[reportMissingImports]
-from mjlab.utils.spec import create_motor_actuator  # pyright: ignore[reportMissingImports]
+from mjlab.actuator import Actuator, ActuatorCfg, ActuatorCmd
+from mjlab.managers.event_manager import requires_model_fields
+from mjlab.utils.spec import create_motor_actuator
 
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
@@ -115,7 +115,7 @@ class MrJointActuator(Actuator[MrJointActuatorCfg]):
             self._mjs_actuators.append(motor)
 
     def initialize(self, mj_model: Any, model: Any, data: Any, device: str) -> None:
-        """Make the state; with the constraint coupling, give the joints a friction of their own per environment."""
+        """Make the state."""
         super().initialize(mj_model, model, data, device)
         shape = (data.nworld, len(self.target_names))
         count, dt = shape[0] * shape[1], float(mj_model.opt.timestep)
@@ -137,28 +137,52 @@ class MrJointActuator(Actuator[MrJointActuatorCfg]):
         self.current, self.foot_load = view(self._inputs.current_e), view(columns["f_foot"])
         self.brake_bound, self._tau = view(bound), view(tau)
         self.current.fill_(self.cfg.current)
+        self._own_friction: torch.Tensor | None = None
         if self.cfg.coupling is Coupling.CONSTRAINT:
-            self._prepare_brake(mj_model, model, data.nworld, dt)
+            names = [motor.target for motor in self._mjs_actuators]
+            self._dofs = torch.tensor([int(mj_model.joint(name).dofadr[0]) for name in names], device=device)
+            # mjlab hands over a bridge; the arrays behind it are replaced when they are expanded
+            self._warp_model, self._dt = getattr(model, "_struct", model), dt
+            option = self._warp_model.opt
+            option.ls_iterations = max(option.ls_iterations, brake_constraint.MIN_LS_ITERATIONS)
 
-    def _prepare_brake(self, mj_model: Any, model: Any, nworld: int, dt: float) -> None:
-        """Make the joints' dry friction passive in discrete time (:mod:`brake_constraint`) and its bound writable."""
-        names = [motor.target for motor in self._mjs_actuators]
-        self._dofs = torch.tensor([int(mj_model.joint(name).dofadr[0]) for name in names], device=self.current.device)
-        warp_model = getattr(model, "_struct", model)  # mjlab hands over a bridge, whose arrays may not be replaced
-        expand_model_fields(warp_model, nworld, ["dof_frictionloss", "dof_solref", "dof_solimp", "dof_invweight0"])
-        if hasattr(model, "clear_cache"):
-            model.clear_cache()
-        own = wp.to_torch(warp_model.dof_frictionloss)
-        self._own_friction, self._warp_model = own[:, self._dofs].clone(), warp_model
+    def _field(self, name: str) -> torch.Tensor:
+        """An array of the solver's model, one row per environment."""
+        return wp.to_torch(getattr(self._warp_model, name))
+
+    def prepare_brake(self) -> None:
+        """Make the joints' dry friction passive in discrete time (:mod:`brake_constraint`) and its bound writable.
+
+        Called by :func:`brakes`; without an event manager, after
+        ``sim.expand_model_fields(brakes.model_fields)``. Nothing with an explicit device.
+
+        Raises:
+            RuntimeError: the environments share the friction of their joints.
+        """
+        if self.cfg.coupling is not Coupling.CONSTRAINT:
+            return
+        friction = self._field("dof_frictionloss")
+        if friction.shape[0] != self.current.shape[0]:
+            raise RuntimeError(f"{friction.shape[0]} row of joint friction for {self.current.shape[0]} environments")
+        self._own_friction = friction[:, self._dofs].clone()
         for name, value in (
-            ("dof_solref", brake_constraint.solref(dt)),
+            ("dof_solref", brake_constraint.solref(self._dt)),
             ("dof_solimp", brake_constraint.SOLIMP),
-            ("dof_invweight0", brake_constraint.invweight(dt)),
         ):
-            array = wp.to_torch(getattr(warp_model, name))
-            array[:, self._dofs] = torch.tensor(value, dtype=torch.float, device=array.device)
-        option = warp_model.opt
-        option.ls_iterations = max(option.ls_iterations, brake_constraint.MIN_LS_ITERATIONS)
+            self._field(name)[:, self._dofs] = torch.tensor(value, dtype=torch.float, device=self.current.device)
+
+    def _apply_bound(self) -> None:
+        """The friction of the next step, and its regularisation.
+
+        mjlab derives that again from the inertia after each event that changes a mass.
+        """
+        if self._own_friction is None:
+            raise RuntimeError(
+                f"{type(self).__name__}: the brakes of {', '.join(self.target_names)} need a startup event of the task:"
+                " cfg.events['mr_brakes'] = EventTermCfg(func=mrwarp.integrations.mjlab.brakes, mode='startup')"
+            )
+        self._field("dof_frictionloss")[:, self._dofs] = self._own_friction + self.brake_bound
+        self._field("dof_invweight0")[:, self._dofs] = brake_constraint.invweight(self._dt)
 
     def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
         """Torque of the motor [N·m], and of an explicit device, shape (num_envs, num_targets)."""
@@ -180,8 +204,7 @@ class MrJointActuator(Actuator[MrJointActuatorCfg]):
             device=tau.device,
         )
         if self.cfg.coupling is Coupling.CONSTRAINT:
-            friction = wp.to_torch(self._warp_model.dof_frictionloss)
-            friction[:, self._dofs] = self._own_friction + self.brake_bound
+            self._apply_bound()
         return self._tau
 
     def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
@@ -190,3 +213,23 @@ class MrJointActuator(Actuator[MrJointActuatorCfg]):
         mask = torch.zeros(self.current.shape, dtype=torch.bool, device=self.current.device)
         mask[slice(None) if env_ids is None else env_ids] = True
         self._joints.reset(wp.from_torch(mask.flatten()))
+
+
+def mr_actuators(env: Any) -> list[MrJointActuator]:
+    """All MR joints of an environment's scene."""
+    return [
+        actuator
+        for entity in env.scene.entities.values()
+        for actuator in entity.actuators
+        if isinstance(actuator, MrJointActuator)
+    ]
+
+
+@requires_model_fields("dof_frictionloss", "dof_solref", "dof_solimp", "dof_invweight0")
+def brakes(env: Any, env_ids: torch.Tensor | None) -> None:
+    """Startup event of a task with MR joints: mjlab gives each environment a joint friction of its own for it.
+
+    All environments are prepared, regardless of ``env_ids``.
+    """
+    for actuator in mr_actuators(env):
+        actuator.prepare_brake()
