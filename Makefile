@@ -5,7 +5,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
 
-.PHONY: run test test-slow test-mjlab test-oldest lint format pins env release clean
+.PHONY: run test test-slow test-mjlab test-oldest test-core lint format pins env release clean
 .DEFAULT_GOAL := test
 
 run: $(READY)
@@ -27,13 +27,22 @@ test-mjlab:
 		-c <(grep -E '^(torch|warp-lang)==' constraints.txt) mjlab==1.6.0 -e . pytest; }
 	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest tests/integrations/test_mjlab.py
 
-# exactly the lower bounds of pyproject.toml, for the joint and the drive; Isaac Lab 3.0.0 pins these Newton, Warp, MuJoCo, torch
-OLDEST = $(shell sed -n '/^dependencies/,/^\]/p;/^sim = /,/^\]/p' pyproject.toml | sed -nE 's/^ *"([^>]*)>=([0-9.]*).*/\1==\2/p')
-HOSTS := tests/actuator/test_newton_drive.py tests/actuator/test_joint_batch.py tests/mujoco
+# exactly the lower bounds of pyproject.toml: joint, drive, plain MuJoCo, and the task in others' learning code.
+# Isaac Lab 3.0.0 pins these Newton, Warp, MuJoCo and torch, mjlab 1.6.0 this rsl-rl
+OLDEST = $(shell sed -n '/^dependencies/,/^\]/p;/^sim = /,/^\]/p;/gymnasium>/p' pyproject.toml | sed -nE 's/^ *"([^>]*)>=([0-9.]*).*/\1==\2/p')
+HOSTS := $(addprefix tests/,actuator/test_newton_drive.py actuator/test_joint_batch.py mujoco integrations)
 test-oldest:
 	test -x .venv-oldest/bin/pytest || { $(PYTHON) -m venv .venv-oldest && \
 		.venv-oldest/bin/python -m pip install $(foreach pin,$(OLDEST),'$(pin)') -e . pytest; }
 	PYTHONPATH=. .venv-oldest/bin/python -m pytest --noconftest $(HOSTS)
+
+# the core alone in an environment of its own, with any PYTHON: commands, kernels, effects and fits
+CORE := $(addprefix tests/,test_cli.py test_params.py kernels effects identify/test_fit.py)
+test-core:
+	test -x .venv-core/bin/pytest || { $(PYTHON) -m venv .venv-core && \
+		.venv-core/bin/python -m pip install -c constraints.txt -e . pytest; }
+	PYTHONPATH=. .venv-core/bin/python -m pytest --noconftest -m "not slow and not gpu" \
+		--ignore tests/kernels/test_cuda_compile.py $(CORE)
 
 lint: $(READY)
 	$(PY) -m ruff check .

@@ -61,6 +61,8 @@ def test_a_second_run_in_the_same_folder_is_refused(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     """For any command, before it does anything."""
+    if command.startswith("learn"):
+        pytest.importorskip("torch", reason="needs mrwarp[sim]")
     monkeypatch.setattr("mrwarp.recording.records.check_count", lambda *_: None)
     (tmp_path / "a.csv").touch()
     monkeypatch.chdir(tmp_path)
@@ -72,6 +74,7 @@ def test_a_second_run_in_the_same_folder_is_refused(
 
 def test_a_training_that_goes_on_elsewhere_is_not_read(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     """The folder is that of the checkpoint, which is another's work until that ends: not even read."""
+    pytest.importorskip("torch", reason="needs mrwarp[sim]")
     (tmp_path / "checkpoint.pt").write_bytes(b"half written")
     with claim(tmp_path):
         assert cli.main(["train", "--resume", str(tmp_path / "checkpoint.pt")]) == 2
@@ -152,6 +155,7 @@ for line in {REFUSED}:
 
 def test_looking_at_an_asset_and_changing_it_load_no_engine(tmp_path: Path) -> None:
     """Show, set and diff take a second or two; the engines would take ten."""
+    pytest.importorskip("newton_usd_schemas", reason="needs mrwarp[sim]")
     script = """
 import shutil, sys
 from mrwarp import cli
@@ -168,6 +172,7 @@ assert not {"torch", "newton", "mujoco_warp"} & set(sys.modules)  # the laws of 
 
 def test_nobody_who_asked_for_no_gpu_is_told_that_there_is_none() -> None:
     """Warp's library says so on stderr when it begins."""
+    pytest.importorskip("torch", reason="needs mrwarp[sim]")
     script = "from mrwarp.runtime import quiet_libraries; quiet_libraries(gpu=False); import warp; warp.zeros(1)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

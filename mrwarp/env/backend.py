@@ -7,17 +7,23 @@ batch's rows, or MuJoCo-Warp's own float32 arrays. A backend steps; what the num
 from __future__ import annotations
 
 import copy
+import importlib.util
 import os
 import weakref
 from typing import Protocol
 
 import mujoco
-import mujoco.batch
 import numpy as np
 import warp as wp
 
 from mrwarp.enums import BackendKind
 from mrwarp.runtime import uncollected
+
+HAS_BATCH = importlib.util.find_spec("mujoco.batch") is not None
+"""Whether this MuJoCo has ``mujoco.batch``: it came with 3.17, after the oldest that a drive works with."""
+
+if HAS_BATCH:
+    import mujoco.batch
 
 
 class Backend(Protocol):
@@ -57,7 +63,13 @@ os.register_at_fork(after_in_child=lambda: _inherited.extend(_batches))
 
 
 def new_batch(model: mujoco.MjModel, num_envs: int, threads: int, *, keep_data: bool = False) -> mujoco.batch.Batch:
-    """A ``mujoco.batch`` that a forked process never frees; arguments as for :class:`MjBatchBackend`."""
+    """A ``mujoco.batch`` that a forked process never frees; arguments as for :class:`MjBatchBackend`.
+
+    Raises:
+        ValueError: this MuJoCo has none.
+    """
+    if not HAS_BATCH:
+        raise ValueError(f"backend mjbatch needs MuJoCo 3.17 or newer, here is {mujoco.__version__}; use mjwarp")
     batch = mujoco.batch.Batch(model, num_envs, threads, persistent=keep_data)
     _batches.add(batch)
     return batch
@@ -169,8 +181,11 @@ class MjWarpBackend:
         self.device = wp.get_device(device)
         with wp.ScopedDevice(self.device):
             self.model = mujoco_warp.put_model(model)
-            determinism = mujoco_warp.DeterminismType
-            self.model.opt.deterministic = determinism.ALL if deterministic else determinism.NONE
+            determinism = getattr(mujoco_warp, "DeterminismType", None)
+            if determinism is not None:
+                self.model.opt.deterministic = determinism.ALL if deterministic else determinism.NONE
+            elif deterministic:
+                raise ValueError(f"ordered sums need MuJoCo-Warp 3.17 or newer, here is that of {mujoco.__version__}")
             # float32 cannot reach the float64 tolerance; MuJoCo-Warp clamps it, we say it
             self.model.opt.tolerance.fill_(max(float(model.opt.tolerance), 1e-6))
             self.data = mujoco_warp.make_data(model, nworld=num_envs, nconmax=contacts, njmax=constraints)

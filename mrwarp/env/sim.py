@@ -13,7 +13,7 @@ from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
 from mrwarp.enums import BackendKind, Coupling
 from mrwarp.env import sim_kernels
-from mrwarp.env.backend import Backend, MjBatchBackend, MjWarpBackend
+from mrwarp.env.backend import HAS_BATCH, Backend, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
 from mrwarp.kernels.launch import Launch, StepGraph, in_one_thread, record, record_per_env
 from mrwarp.usd.asset import RobotAsset, load_robot
@@ -32,7 +32,7 @@ class SimCfg:
     device: str = "cpu"
     """Warp device: ``cpu`` or ``cuda:N``."""
     backend: BackendKind | None = None
-    """Engine; None takes ``mjbatch`` on the CPU and ``mjwarp`` on a GPU."""
+    """Engine; None takes ``mjbatch`` on the CPU and ``mjwarp`` on a GPU, and with MuJoCo before 3.17."""
     dt: float = 0.005
     """Physics and torque step [s], paper section 5.1."""
     threads: int = 0
@@ -61,7 +61,8 @@ class SimCfg:
         Raises:
             ValueError: ``mjbatch`` was asked for on a GPU.
         """
-        kind = self.backend or (BackendKind.MJBATCH if self.device == "cpu" else BackendKind.MJWARP)
+        batched = self.device == "cpu" and HAS_BATCH
+        kind = self.backend or (BackendKind.MJBATCH if batched else BackendKind.MJWARP)
         if kind is BackendKind.MJBATCH and self.device != "cpu":
             raise ValueError(f"backend mjbatch runs on the CPU, not on {self.device!r}; use mjwarp there")
         return kind
