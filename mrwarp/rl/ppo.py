@@ -201,7 +201,7 @@ class PPO(algorithms.PPO):
     def __init__(self, actor: MLPModel, critic: MLPModel, storage: RolloutStorage, **settings: Any) -> None:
         super().__init__(actor, critic, storage, **settings)
         for name, covered in COVERED.items():
-            if (found := getattr(self, name, covered)) != covered:  # rsl-rl before 5.5 lacks one
+            if (found := getattr(self, name, "no such setting")) != covered:
                 raise ValueError(f"PPO with {name} = {found!r}: only {covered!r} is covered; use rsl-rl's own PPO")
         if type(self.optimizer) is not torch.optim.Adam:
             raise ValueError(f"PPO with {type(self.optimizer).__name__}: only Adam is covered; use rsl-rl's own PPO")
