@@ -263,8 +263,8 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     numbers = zip(fit.parameters.slots, fit.x[EFFECT_PART], strict=True)
     resolution[EFFECT_PART] = [s.parameter.resolution * (1.0 if s.logarithmic else abs(x)) for s, x in numbers]
     least = np.diag(covariance(fit)) + resolution**2
-    plain = replace(plain_fit(problem, fit), least_variance=least)
-    fit = _with_harmonics(problem, fit, plain)
+    fit, plain = _as_logged(problem, fit, plain_fit(problem, fit))
+    fit = _with_harmonics(problem, fit, plain := replace(plain, least_variance=least))
     bends = [slot.parameter for slot in fit.parameters.bent().slots if slot.parameter.form]
     if bends:
         bent = plain_fit(problem, fit, bent=True)
@@ -277,6 +277,21 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
             added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]
             return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))
     return plain
+
+
+def _as_logged(problem: Problem, fit: Fit, plain: Fit) -> tuple[Fit, Fit]:
+    """The model and its plain fit by the way of logging that leaves the least plain error.
+
+    Whitened differences choose it by the first sample after each step. The wrong one shifts a lag by half a sample.
+    """
+    ways = [((effect, p.name), x) for effect in fit.effects for p in KNOWN[effect].parameters for x in p.choices]
+    for key, way in ways:
+        choices = {**fit.parameters.choices, key: way}
+        if choices != fit.parameters.choices:
+            other = plain_fit(problem, replace(plain, parameters=replace(plain.parameters, choices=choices)))
+            if other.loss.sum() < plain.loss.sum():
+                fit, plain = replace(fit, parameters=replace(fit.parameters, choices=choices)), other
+    return fit, plain
 
 
 def _with_harmonics(problem: Problem, fit: Fit, plain: Fit) -> Fit:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.problem import covariance, fit_model, plain_fit, reported_fit
+from mrwarp.diagnose.problem import covariance, fit_model, interval, plain_fit, reported_fit
 from mrwarp.diagnose.screening import screen
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.replay import EffectReplay
 from tests.diagnose import known
 
 CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
@@ -149,6 +150,22 @@ def test_stated_numbers_may_be_nearly_dry_friction() -> None:
     assert stated.x[7] > searched.x[7] + 0.5
     measured = problem.motion.torque
     assert np.square(measured - stated.torque).sum() < 0.9 * np.square(measured - searched.torque).sum()
+
+
+@pytest.mark.parametrize(("way", "wrong"), [(0.0, 1.0), (1.0, 0.0)])
+def test_the_way_of_logging_is_that_of_the_least_plain_error(way: float, wrong: float) -> None:
+    """A search that took it the wrong way leaves a lag half a sample off; the stated one is within its interval."""
+    hidden, key, at = {"coil_lag": {"time_constant": 0.015}}, ("coil_lag", "hold"), known.motion()
+    true = known.posed(at).parameters(("coil_lag",), {key: way})
+    torque = EffectReplay(at).torque(true.row(known.vector(true, hidden))[None])[0].astype(float)
+    problem = known.posed(replace(at, torque=torque + known.SIGMA * np.random.default_rng(4).normal(size=len(torque))))
+    layout = problem.parameters(("coil_lag",), {key: wrong})
+    searched = fit_model(problem, layout, known.vector(layout, hidden))
+    stated = reported_fit(problem, searched)
+    off, right = (fit.parameters.values(fit.x)["coil_lag"]["time_constant"] - 0.015 for fit in (searched, stated))
+    assert abs(off) == pytest.approx(0.5 * known.DT, rel=0.25)
+    low, high = interval(stated, int(stated.parameters.own("coil_lag")[0]), covariance(stated))
+    assert stated.parameters.choices[key] == way and np.exp(low) < 0.015 < np.exp(high) and abs(right) < 0.1 * abs(off)
 
 
 @pytest.mark.parametrize("unit", ["N·m", "bar"])
