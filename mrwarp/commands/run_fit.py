@@ -73,7 +73,7 @@ class Check(opt.LogOptions):
 
 def _signs_turned(recording: Recording) -> tuple[Recording, list[str]]:
     """The recording that ``check``, ``fit`` and ``diagnose`` judge, and what was turned in it."""
-    from mrwarp.diagnose.recording_faults import turned_signs
+    from mrwarp.diagnose.checks.recording_faults import turned_signs
 
     mended, fault = turned_signs(recording)
     return mended, [fault.sentence] if fault else []

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mrwarp.diagnose.checks.recording_faults import turned_signs
 from mrwarp.diagnose.held_out import HeldOut
 from mrwarp.diagnose.problem import Problem
-from mrwarp.diagnose.recording_faults import turned_signs
 from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title

@@ -10,13 +10,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from mrwarp.diagnose.baseline import sticks
+from mrwarp.diagnose.checks.recording_faults import RecordingFault
+from mrwarp.diagnose.checks.spikes import Spikes
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import Doubt, without_effect
-from mrwarp.diagnose.recording_faults import RecordingFault
 from mrwarp.diagnose.residual_structure import Line
 from mrwarp.diagnose.result import (
     REGIMES,
@@ -35,7 +36,6 @@ from mrwarp.diagnose.result import (
     Verdict,
 )
 from mrwarp.diagnose.search import Selection
-from mrwarp.diagnose.spikes import Spikes
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, rms, session_clock

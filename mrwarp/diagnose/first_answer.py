@@ -8,11 +8,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+from mrwarp.diagnose.checks.recording_faults import RecordingFault
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.law_choice import may_follow_another_law
 from mrwarp.diagnose.problem import Fit, Problem, threshold
 from mrwarp.diagnose.proof import would_be_negative
-from mrwarp.diagnose.recording_faults import RecordingFault
 from mrwarp.diagnose.result import Accounting, Diagnosis, Error, Suspect, Value
 from mrwarp.diagnose.screening import Candidate
 from mrwarp.diagnose.verdict_text import either, measured, title

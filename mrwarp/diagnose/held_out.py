@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.diagnose.checks.spikes import Spikes
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.diagnose.search import Selection
-from mrwarp.diagnose.spikes import Spikes
 from mrwarp.identify.boosting import chosen_samples, end_processes, foretold, spread_where_it_repeats, white_floor
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion

@@ -19,7 +19,9 @@ from mrwarp.diagnose.baseline import (
     smooth_motion,
     with_learned_noise,
 )
-from mrwarp.diagnose.calibration_shift import calibration_shifts
+from mrwarp.diagnose.checks.calibration_shift import calibration_shifts
+from mrwarp.diagnose.checks.recording_faults import recording_faults, zeros_about
+from mrwarp.diagnose.checks.spikes import spikes_of
 from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.first_answer import being_checked, first_answer
@@ -28,12 +30,10 @@ from mrwarp.diagnose.law_choice import choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit
 from mrwarp.diagnose.proof import select_proven, without_parts
-from mrwarp.diagnose.recording_faults import recording_faults, zeros_about
 from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis, Shift
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import best_single, screen_candidates
-from mrwarp.diagnose.spikes import spikes_of
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.checks.stated import stated_numbers
 from mrwarp.identify.fit import fit_holding

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from mrwarp.diagnose.checks.recording_faults import RecordingFault
+from mrwarp.diagnose.checks.spikes import Spikes
 from mrwarp.diagnose.held_out import Account, Predictor
 from mrwarp.diagnose.law_choice import LawChoice
-from mrwarp.diagnose.recording_faults import RecordingFault
-from mrwarp.diagnose.spikes import Spikes
 from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording

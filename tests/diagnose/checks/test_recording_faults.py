@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.confusion.case import make_case
 from benchmarks.confusion.families import Plan
-from mrwarp.diagnose.recording_faults import recording_faults, turned_signs
+from mrwarp.diagnose.checks.recording_faults import recording_faults, turned_signs
 from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.load import Recording, Trajectory, load_recording
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose import diagnose
+from mrwarp.diagnose.checks.spikes import spikes_of
 from mrwarp.diagnose.problem import Fit
-from mrwarp.diagnose.spikes import spikes_of
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 
