@@ -19,7 +19,7 @@ from mrwarp.diagnose.baseline import (
     smooth_motion,
     with_learned_noise,
 )
-from mrwarp.diagnose.checks.calibration_shift import calibration_shifts
+from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.checks.recording_faults import recording_faults, zeros_about
 from mrwarp.diagnose.checks.spikes import spikes_of
 from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict

@@ -1,1 +1,1 @@
-"""Whether a recording can be judged: faults of its channels, spikes and shifts of calibration."""
+"""Whether a recording can be judged: faults of its channels, and spikes."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.checks.calibration_shift import find_shift
+from mrwarp.diagnose.calibration_shift import find_shift
 from tests.diagnose import known
 
 
