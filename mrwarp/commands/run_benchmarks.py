@@ -12,14 +12,14 @@ from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import DEFAULT_POLICY
 
 PARTS = ("walking", "joint", "lstm", "training")
-"""What ``mrwarp perf`` measures."""
+"""Options of ``mrwarp perf``."""
 
 
 class Benchmark(Options):
     """A command whose code is not in the package."""
 
     module: ClassVar[str]
-    """What does the work by its ``run(options, line)``."""
+    """Module that does the work by its ``run(options, line)``."""
 
     def run(self, line: CommandLine) -> int:
         """0 done, 1 measured but missed, 2 on bad input, as without a checkout."""

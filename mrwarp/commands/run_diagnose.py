@@ -35,7 +35,7 @@ class Diagnose(opt.LogOptions):
     out: opt.Folder = Path("runs/diagnose")
     """output folder"""
     robot: Annotated[str | None, opt.one(str, "ROBOT")] = None
-    """of a robot's log: its description, MJCF, URDF or USD (default: the file that log.json names, beside it)"""
+    """of a robot's log: its description, MJCF, URDF or USD (default: the file that log.json names, next to it)"""
     device: str = "cpu"
     """of a robot's log: cpu, or a GPU such as cuda:0, on which its pieces are replayed"""
     policy: opt.OptionalFile = None
@@ -59,7 +59,7 @@ class Diagnose(opt.LogOptions):
     """also train a residual on top of baseline and extension (minutes)"""
 
     live: Annotated[opt.Flag, opt.VIEW] = False
-    """of a robot's log: show the logged robot beside the extended simulation in rerun's window"""
+    """of a robot's log: show the logged robot next to the extended simulation in rerun's window"""
     rrd: Annotated[opt.OptionalFile, opt.VIEW] = None
     """save that view as a recording"""
 
@@ -95,10 +95,10 @@ class Diagnose(opt.LogOptions):
                     return self._said_early(lines(diagnosis, {}), progress.seconds)
                 with _undisturbed():
                     written = self._write(diagnosis, line, {})
-                besides, tables = self._besides(diagnosis, given[1], log)
+                extras, tables = self._extras(diagnosis, given[1], log)
                 model_name = "model.json" if diagnosis.model is not None else ""
-                if besides:
-                    diagnosis.write(self.out, str(line), besides, model_name=model_name)
+                if extras:
+                    diagnosis.write(self.out, str(line), extras, model_name=model_name)
                 log("pictures")
                 pictures, notes = draw(diagnosis)
                 for note in notes:
@@ -113,14 +113,14 @@ class Diagnose(opt.LogOptions):
                 write_bytes(self.out / "pictures" / f"{name}.png", data)
             write_text(self.out / "report.html", page)
             if notes:
-                diagnosis.write(self.out, str(line), besides, model_name=model_name)
+                diagnosis.write(self.out, str(line), extras, model_name=model_name)
         print("\n".join(lines(diagnosis, tables)))
         written += ["report.html", f"pictures/ ({len(pictures)} PNG)"]
         print(f"\n{', '.join(written)} in {self.out} ({progress.seconds:.0f} s)")
         return 0
 
     def _diagnose_robot(self, line: CommandLine) -> int:
-        """The same for a robot's log."""
+        """Results for a robot's log."""
         quiet_libraries(gpu=self.device != "cpu")
         from mrwarp.robot_logs.extended_robot import write_extended
         from mrwarp.robot_logs.forms.open_log import open_log
@@ -159,12 +159,12 @@ class Diagnose(opt.LogOptions):
                 walked = walk_change(d, self.policy, seed=self.seed, progress=progress)
             elif self.policy is not None:
                 progress("no extension: the robot is what it was")
-            besides = {"walk": vars(walked)} if walked else {}
+            extras = {"walk": vars(walked)} if walked else {}
             with _undisturbed():
                 self._clear(log_pictures.NAMES)
                 names, notes = write_extended(d, self.out)
                 d = replace(d, notes=(*d.notes, *notes))
-                d.write(self.out, str(line), besides, seed=self.seed, model_name="model.json")
+                d.write(self.out, str(line), extras, seed=self.seed, model_name="model.json")
                 written = ["result.json", *names]
             progress("pictures")
             compared = compare(d)
@@ -185,7 +185,7 @@ class Diagnose(opt.LogOptions):
                 write_bytes(self.out / "pictures" / f"{name}.png", data)
             write_text(self.out / "report.html", page)
             if notes:
-                d.write(self.out, str(line), besides, seed=self.seed, model_name="model.json")
+                d.write(self.out, str(line), extras, seed=self.seed, model_name="model.json")
         print("\n".join(lines(d)))
         if walked:
             print("\n".join(("", "as described → extended", *text_table(HEAD, walked.rows()))))
@@ -274,14 +274,14 @@ class Diagnose(opt.LogOptions):
             threads=min(core_count(), 8),
         )  # fmt: skip
 
-    def _besides(
+    def _extras(
         self, d: Diagnosis, unseen: Recording | None, progress: Callable[[str], None]
     ) -> tuple[dict[str, Any], dict[str, Table]]:
-        """What ``result.json`` and what the report hold besides the verdict."""
+        """Content of ``result.json`` and of the report in addition to the verdict."""
         from mrwarp.diagnose.held_out import predicted_errors, summary
         from mrwarp.diagnose.report import printed
 
-        besides: dict[str, Any] = {}
+        extras: dict[str, Any] = {}
         tables: dict[str, Table] = {}
         if unseen is not None and d.predictor is None:
             progress("no verdict: nothing is predicted")
@@ -289,7 +289,7 @@ class Diagnose(opt.LogOptions):
             errors = predicted_errors(d.predictor, unseen, averaged=self.averaged, log=progress)
             means = summary(errors)
             source = {"source": unseen.source, "averaged": self.averaged}
-            besides["predicted"] = {**source, "nrmse": errors, "mean": means}
+            extras["predicted"] = {**source, "nrmse": errors, "mean": means}
             tables["predicted"] = printed.predicted_table(means)
         if self.learn and (d.traces is None or not (d.causes or (d.account is not None and d.account.open))):
             progress("no named cause, and nothing that repeats without one: there is nothing to learn")
@@ -297,8 +297,8 @@ class Diagnose(opt.LogOptions):
             from mrwarp.identify.learn import left_to_learn
 
             models = ([torque[part] for part in d.traces.parts] for torque in (d.traces.baseline, d.traces.extended))
-            besides["learned"] = left_to_learn(d.recording, *models, progress=progress)
-            tables["learned"] = printed.learned_table(besides["learned"], d.baseline.unit)
+            extras["learned"] = left_to_learn(d.recording, *models, progress=progress)
+            tables["learned"] = printed.learned_table(extras["learned"], d.baseline.unit)
         if self.impact and (d.model is None or not d.causes):
             progress("no extension: the robot is what it was")
         elif self.impact and d.model is not None:
@@ -307,10 +307,10 @@ class Diagnose(opt.LogOptions):
 
             policy = OnnxPolicy(DEFAULT_POLICY)
             change = impact_change(d.baseline_model, d.model, policy, seed=self.seed, progress=progress)
-            besides["impact"], tables["impact"] = change, printed.impact_table(change, EFFECT_FIGURES)
-        return besides, tables
+            extras["impact"], tables["impact"] = change, printed.impact_table(change, EFFECT_FIGURES)
+        return extras, tables
 
-    def _write(self, d: Diagnosis, line: CommandLine, besides: Mapping[str, Any]) -> list[str]:
+    def _write(self, d: Diagnosis, line: CommandLine, extras: Mapping[str, Any]) -> list[str]:
         """Write what was found, each file atomically and ``result.json`` last; returns their names."""
         from mrwarp.diagnose.report.overview_pictures import NAMES
         from mrwarp.model_file import save_model
@@ -320,7 +320,7 @@ class Diagnose(opt.LogOptions):
         if d.model is not None:
             save_model(d.model, self.out / "model.json")
             names.append("model.json")
-        d.write(self.out, str(line), besides, model_name="model.json" if d.model is not None else "")
+        d.write(self.out, str(line), extras, model_name="model.json" if d.model is not None else "")
         return names
 
     def _clear(self, pictures: Iterable[str], models: Iterable[str] = ()) -> None:

@@ -51,7 +51,7 @@ class Check(opt.LogOptions):
             raise ValueError(
                 f"--map and --units: {self.data} is the recording of a joint, no robot's log; leave them out"
             )
-        recording, beside = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
+        recording, tests_file = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
         recording, turned = _signs_turned(recording)
         wrong = contradictions(recording)
         unproven = [f"no verdict by diagnose: {text}" for text in hindrances(recording) if text not in wrong]
@@ -60,11 +60,11 @@ class Check(opt.LogOptions):
         lines = describe(
             recording, "cannot be used" if wrong else "readable, but see the last note" if warned else "good"
         )
-        if beside:
-            holding = load_holding(beside, recording)
+        if tests_file:
+            holding = load_holding(tests_file, recording)
             count = f"{len(holding.current)} tests at {len({*holding.current})} currents"
             unit = recording.units["torque"]
-            lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({beside})")
+            lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({tests_file})")
         print("\n".join([*lines, *(f"note: {note}" for note in [*turned, *notes(recording), *unproven])]))
         if wrong:
             raise RecordingError(f"{self.data}: {wrong[0]}")
@@ -89,7 +89,7 @@ class Fit(Options):
     out: opt.Folder = Path("runs/fit")
     """output folder"""
     holding: opt.OptionalFile = None
-    """break-away torques for eq. 18 (default: a holding.csv beside the data)"""
+    """break-away torques for eq. 18 (default: a holding.csv next to the data)"""
     law: Annotated[str, opt.one_of(HYSTERESIS_LAWS)] = "bouc_wen"
     """hysteresis law: the paper's, or a published one in its place"""
     extended: opt.Flag = False

@@ -201,7 +201,7 @@ def _draw(pictures: Mapping[str, Callable[..., Any]], out: Path) -> None:
 def _lines(found: dict[str, Any], kind: str | None) -> list[str]:
     """The table of one sweep, and what changes from the first to the last current.
 
-    Beside it stands the paper's change by an impact of this ``kind``.
+    It is compared with the paper's change by an impact of this ``kind``.
     """
     columns = {"min_height": "min height [m]", "peak_down_velocity": "peak v_z [m/s]", "drop": "drop [m]"}
     rows = [

@@ -163,7 +163,7 @@ class RecordLog(Options):
         return 0
 
     def _cfg(self) -> LogCfg:
-        """What the options ask for, with the defaults that depend on the robot."""
+        """Settings by the options, with the defaults that depend on the robot."""
         from mrwarp.resources import DEFAULT_POLICY
         from mrwarp.robot_logs.virtual.record_log import LogCfg
         from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot

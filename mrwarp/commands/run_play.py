@@ -49,7 +49,7 @@ class Play(opt.RobotOptions):
     agent: Annotated[Literal["zero", "random", "sine"] | None, WHO] = None
     """no policy: stand still, move at random; sine, for an arm: every joint follows one"""
     live: Annotated[opt.Flag, opt.VIEW] = False
-    """open rerun's window, also beside --png and --out"""
+    """open rerun's window, also with --png and --out"""
     rrd: Annotated[opt.OptionalFile, opt.VIEW] = None
     """save a recording for 'rerun FILE'"""
     connect: Annotated[str | None, opt.maybe_one("URL"), opt.VIEW] = None
@@ -227,7 +227,7 @@ class Play(opt.RobotOptions):
         return code
 
     def _cfg(self, task: dict[str, Any]) -> EnvCfg:
-        """What the options say, else what the policy was trained with.
+        """The options' values, else those of the policy's training.
 
         Args:
             task: The policy's task, as :func:`mrwarp.rl.checkpoint.task` describes it; empty without a policy.

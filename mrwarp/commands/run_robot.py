@@ -57,7 +57,7 @@ class Import(Options):
     forward: Literal["x", "-x", "y", "-y"] = "x"
     """axis of the trunk that points forwards"""
     packages: Annotated[tuple[Path, ...], opt.some(Path, "DIR")] = ()
-    """folders that hold the packages of a URDF's package:// meshes (default: those beside and around the file)"""
+    """folders that hold the packages of a URDF's package:// meshes (default: those next to and around the file)"""
     skip_meshes: opt.Flag = False
     """leave all meshes out"""
     overwrite: opt.Flag = False

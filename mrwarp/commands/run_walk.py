@@ -1,4 +1,4 @@
-"""``mrwarp walk`` and ``mrwarp mission``: the electrical energy of three robots, ours beside the paper's."""
+"""``mrwarp walk`` and ``mrwarp mission``: the electrical energy of three robots, ours compared with the paper's."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mrwarp.trials.walking import Policy
 
 TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
-"""What makes a mission the paper's or another."""
+"""Options that make a mission the paper's or another."""
 
 trot_speed = opt.within(0.05, 1.0, "m/s")
 """Command; the 1.5 Hz trot reaches about 0.6 m/s (section 7)."""
@@ -58,7 +58,7 @@ Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyOptions(opt.SteppedRobot):
-    """What the measurements of energy share: policies, devices and the numbers of the models."""
+    """Shared options of the measurements of energy: policies, devices and the numbers of the models."""
 
     policy: opt.OptionalFile = None
     """policy of all robots (default: each robot's own of policies/energy, training seed 0)"""
@@ -93,7 +93,7 @@ class EnergyOptions(opt.SteppedRobot):
         return replace(env, currents=(self.current,), actuator=replace(env.actuator, damping=self.branches == "both"))
 
     def _coils(self) -> dict[str, Any]:
-        """What commands the coils, their lag and their gate, as the policy was trained unless an option says else.
+        """Source of the coils' commands, their lag and gate, as the policy was trained unless an option says else.
 
         Raises:
             ValueError: the policy commands the coils and the option says that it does not, or the other way round.
@@ -230,7 +230,7 @@ class Walk(EnergyOptions):
         return 0 if all(len(result.speed) for result in results) else 1
 
     def _own(self, line: CommandLine, file: str) -> int:
-        """The same for a robot of one's own: with no current, and a third, two thirds and all of --current."""
+        """Rows for a robot of one's own: with no current, and a third, two thirds and all of --current."""
         from mrwarp.energy.model_numbers import described, read_numbers
         from mrwarp.env.natural_units import scales_of
         from mrwarp.rl.policy import OnnxPolicy

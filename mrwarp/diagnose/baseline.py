@@ -265,7 +265,7 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     still = held.kinematics.still
     if still is None or not still.any():
         return problem, fit
-    resting = replace(problem.with_motion(held), weight=held.settled(rate) * ~held.doubtful)
+    resting = replace(problem.with_motion(held), weight=held.settled(rate) * ~held.uncertain)
     refitted = refit(resting, fit, tolerance=1e-4)
     known = problem.weight * resting.weight
     before, after = (known @ (held.torque - f.torque) ** 2 for f in (fit, refitted))
@@ -311,7 +311,7 @@ def begin_under_way(problem: Problem, fit: Fit) -> Problem:
     if moving.begin is None or not moving.begin.any():
         return problem
     torque = EffectReplay(moving).torque(fit.row)[0].astype(float)
-    head = (problem.weight == 0.0) & ~motion.doubtful
+    head = (problem.weight == 0.0) & ~motion.uncertain
     before, after = (np.where(head, motion.torque - tau, 0.0) ** 2 for tau in (fit.torque, torque))
     better = np.array([after[part].sum() < _BEGUN * before[part].sum() for part in motion.parts])
     if 2 * np.sum(better & (moving.begin != 0.0)) < np.sum(moving.begin != 0.0):

@@ -17,7 +17,13 @@ from mrwarp.diagnose.checks.spikes import Spikes
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.diagnose.search import Selection
-from mrwarp.identify.boosting import chosen_samples, end_processes, foretold, spread_where_it_repeats, white_floor
+from mrwarp.identify.boosting import (
+    chosen_samples,
+    cross_predicted,
+    end_processes,
+    spread_where_it_repeats,
+    white_floor,
+)
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.least_squares import ridge_solve
@@ -135,12 +141,12 @@ def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> n
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
-    told = partial(foretold, motion, at, seed=seed, threads=problem.replay.threads)
+    told = partial(cross_predicted, motion, at, seed=seed, threads=problem.replay.threads)
     after, beside = motion.torque - held.predicted_extended, [held.predicted_extended]
-    left = _left(after, told(after, beside=beside), at)
+    left = _left(after, told(after, extra=beside), at)
     if float(left @ left) < (1.0 - MUCH) * float(np.sum(after[at] ** 2)):
         smooth = np.vstack([group.rows for group in groups_along(problem, extended) if not group.slow])
-        more = _left(after, told(after, beside=beside, smooth=smooth), at)
+        more = _left(after, told(after, extra=beside, smooth=smooth), at)
         direct = _left(motion.torque, told(motion.torque), at)
         left = min(left, more, direct, key=lambda x: float(x @ x))
     if problem.replay.threads > 1:

@@ -16,7 +16,7 @@ _FINE = 4
 """Points of the spectrum within its resolution."""
 _LOOKED_AT = 12
 """Peaks of the spectrum of which each is tried by least squares: one peak has many side lobes."""
-_APART = 0.5
+_CLOSEST = 0.5
 """Repetitions per turn by which two lines differ at least: nearer ones are one, whose size drifts from turn to turn."""
 
 _ONE_WAY = 0.1
@@ -26,7 +26,7 @@ _ONE_WAY = 0.1
 def angle_lines(
     samples: Dataset, mismatch: np.ndarray, low: float, high: float, *, count: int = 1, given: tuple[float, ...] = ()
 ) -> list[float]:
-    """Repetitions per unit of angle, times 2*pi, of the strongest lines, each found beside those before it.
+    """Repetitions per unit of angle, times 2*pi, of the strongest lines, each found in addition to those before it.
 
     Args:
         samples: The motion.
@@ -38,7 +38,7 @@ def angle_lines(
     """
     q, found, parts = samples.q - samples.q.min(), list(given), _directions(samples)
     reach = float(q.max()) or 1.0
-    apart = max(2.0 * np.pi / reach, _APART * samples.scales.q)
+    closest = max(2.0 * np.pi / reach, _CLOSEST * samples.scales.q)
     spacing = 0.5 * np.pi / high
     cell = np.minimum((q / spacing).astype(int), int(reach / spacing))
     size = _FINE * (int(reach / spacing) + 1)
@@ -51,7 +51,7 @@ def angle_lines(
         power = np.hypot.reduce(np.abs(np.fft.rfft(sums, size)), axis=0)
         power[(periods < low) | (periods > high)] = 0.0
         for n in found:
-            power[np.abs(periods - n) < apart] = 0.0
+            power[np.abs(periods - n) < closest] = 0.0
         peaks = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
         if not len(peaks):
             break
@@ -93,14 +93,14 @@ def _waves(samples: Dataset, parts: np.ndarray, periods: float) -> np.ndarray:
 
 
 def _gain(samples: Dataset, parts: np.ndarray, left: np.ndarray, periods: float) -> float:
-    """What a sine of any phase, by direction of motion, takes from the sum of squares."""
+    """Reduction of the sum of squares by a sine of any phase, by direction of motion."""
     waves, counts = _waves(samples, parts, periods), samples.counts
     moment = waves @ (left * counts)
     return float(moment @ np.linalg.pinv(waves * counts @ waves.T) @ moment)
 
 
 def _left(table: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """What the rows after the first leave of it."""
+    """Rest that the rows after the first leave of it."""
     if len(table) == 1:
         return table[0]
     rows = table[1:] * counts

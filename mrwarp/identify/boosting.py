@@ -1,8 +1,8 @@
-"""What of a signal repeats, without any law: what boosting foretells, and what differs where the motion comes again.
+"""The part of a signal that repeats, without any law: predicted by boosting, or equal where the motion comes again.
 
-What gradient boosting cannot foretell of a trajectory that took no part is a ceiling of what does not repeat: where
+Gradient boosting's error on held-out trajectories is an upper bound of the part that does not repeat: where
 trajectories go where no other went, a law does better. Where a motion comes again, with all its recent past, half of
-the squared difference is the noise itself, whatever the law (the idea of the Gamma test: Stefansson, Koncar and Jones,
+the squared difference is the noise itself, under any law (the idea of the Gamma test: Stefansson, Koncar and Jones,
 A note on the Gamma test, Neural Comput. Appl. 5, 1997).
 """
 
@@ -20,15 +20,15 @@ from mrwarp.identify.least_squares import ridge_solve
 _PAST = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.0)
 """How far back the features look [s]."""
 _SAMPLES = 12_000
-"""Samples that are learned from and foretold."""
+"""Samples that are learned from and predicted."""
 _FOLDS = 5
 _RIDGE = 1e-3
 """Ridge of the smooth functions, relative to their size."""
 _AGAIN = (0.1, 0.4, 1.2)
 """How far back a motion has to be the same to come again, in units of its typical time."""
-_APART = 1.5
+_FAR = 1.5
 """How far from itself it comes again at the earliest, in the same unit."""
-_ALIKE, _CLOSEST = 0.1, 0.3
+_NEAR, _CLOSEST = 0.1, 0.3
 """Largest distance of two samples whose motion is the same, in standard deviations; of these the closest count, as a
 share of all samples."""
 _MOVING = 0.05
@@ -56,12 +56,12 @@ def chosen_samples(motion: Motion, weight: np.ndarray, limit: int = _SAMPLES) ->
     return known[::every]
 
 
-def features(motion: Motion, at: np.ndarray, beside: Sequence[np.ndarray] = ()) -> np.ndarray:
+def features(motion: Motion, at: np.ndarray, extra: Sequence[np.ndarray] = ()) -> np.ndarray:
     """Angle, velocity, acceleration, current, their past and the path since the last reversals, shape (len(at), F).
 
-    ``beside`` are more signals, each of shape (N,), such as a simulated torque.
+    ``extra`` are more signals, each of shape (N,), such as a simulated torque.
     """
-    now = [motion.q, motion.qd, motion.qdd, motion.current, *beside, *_reversals(motion)]
+    now = [motion.q, motion.qd, motion.qdd, motion.current, *extra, *_reversals(motion)]
     varies = [x for x in now if np.ptp(x) > 0.0]
     run = np.searchsorted(motion.start, at, side="right") - 1
     first, dt = motion.start[run], motion.dt[run]
@@ -74,23 +74,23 @@ def features(motion: Motion, at: np.ndarray, beside: Sequence[np.ndarray] = ()) 
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def foretold(
+def cross_predicted(
     motion: Motion,
     at: np.ndarray,
     target: np.ndarray,
     *,
-    beside: Sequence[np.ndarray] = (),
+    extra: Sequence[np.ndarray] = (),
     smooth: np.ndarray | None = None,
     seed: int = 0,
     threads: int = 1,
 ) -> np.ndarray:
-    """A signal at the samples ``at``, foretold by boosting on the other trajectories, shape (len(at),).
+    """A signal at the samples ``at``, predicted by boosting on the other trajectories, shape (len(at),).
 
     Args:
         motion: The samples.
-        at: Indices that are learned from and foretold.
+        at: Indices that are learned from and predicted.
         target: The signal, shape (N,).
-        beside: More signals to foretell it from, each of shape (N,).
+        extra: More signals to predict it from, each of shape (N,).
         smooth: Functions, shape (k, N), whose best sum is taken out first: they go on where trees stand still.
         seed: Seed of the folds.
         threads: Processes among which the folds are shared: trees grow in Python, which threads would wait for. They
@@ -99,7 +99,7 @@ def foretold(
     from joblib import Parallel, delayed
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-    table = features(motion, at, beside)
+    table = features(motion, at, extra)
     run = np.searchsorted(motion.start, at, side="right") - 1
     count = len(motion.dt)
     fold = np.random.default_rng(seed).permutation(count) % min(_FOLDS, count)
@@ -122,7 +122,7 @@ def foretold(
 
 
 def end_processes() -> None:
-    """End the processes of :func:`foretold`, which wait for more work otherwise, and the thread that serves them."""
+    """End the processes of :func:`cross_predicted`, which would wait for more work, and the thread that serves them."""
     from joblib.externals.loky import get_reusable_executor
 
     get_reusable_executor().shutdown()
@@ -167,11 +167,11 @@ def spread_where_it_repeats(motion: Motion, mismatch: np.ndarray, at: np.ndarray
     nearest, distance = np.empty(len(at), dtype=int), np.empty(len(at))
     for first in range(0, len(at), _BLOCK):
         here = slice(first, first + _BLOCK)
-        apart = squares[here, None] + squares - 2.0 * table[here] @ table.T
-        apart[(run[here, None] == run) & (np.abs(time[here, None] - time) < _APART * typical)] = np.inf
-        nearest[here] = apart.argmin(axis=1)
-        distance[here] = apart.min(axis=1)
-    limit = min(_ALIKE**2, float(np.quantile(distance, _CLOSEST)))
+        gaps = squares[here, None] + squares - 2.0 * table[here] @ table.T
+        gaps[(run[here, None] == run) & (np.abs(time[here, None] - time) < _FAR * typical)] = np.inf
+        nearest[here] = gaps.argmin(axis=1)
+        distance[here] = gaps.min(axis=1)
+    limit = min(_NEAR**2, float(np.quantile(distance, _CLOSEST)))
     half = 0.5 * (mismatch[at] - mismatch[at[nearest]]) ** 2
     for k in range(len(counts)):
         mine = half[(run == k) & (distance <= limit)]

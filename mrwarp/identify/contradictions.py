@@ -1,4 +1,4 @@
-"""What speaks against a recording as bench data: columns that contradict each other, or a model that explains nothing.
+"""Reasons against a recording as bench data: columns that contradict each other, or a model that explains nothing.
 
 A fit always ends somewhere. These checks say where its numbers would mean nothing, each with what to look at.
 """
@@ -62,9 +62,8 @@ def contradictions(recording: Recording) -> list[str]:
     if not moves:
         size = f" (the angle covers {reach:.2g} {units['q']}, its noise {noise:.2g})" if reach > 0.0 else ""
         found.append(
-            f"the joint does not move beyond its noise{size}: friction, hysteresis and everything else in the torque "
-            "shows along motion only; move it by at least ten times what it takes to make it yield, at 0.5 to 2 Hz and "
-            "several amplitudes"
+            f"the joint does not move beyond its noise{size}: friction and hysteresis show along motion only; move it "
+            "by at least ten times the angle at which it yields, at 0.5 to 2 Hz and several amplitudes"
         )
     if float(np.ptp(torque)) == 0.0:
         return [*found, f"the torque is {torque[0]:.4g} throughout: is the sensor connected? Then record again"]
@@ -125,7 +124,7 @@ def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_o
 
 
 def forewarning(recording: Recording) -> str:
-    """What a fit will miss, where the plainest laws of a joint leave most of the torque; else, or if unclear, empty."""
+    """Gaps of a fit where the plainest laws of a joint leave most of the torque; else, or if unclear, empty."""
     runs = recording.trajectories
     q, qd, current, torque = (
         np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "qd", "current", "torque")
@@ -209,7 +208,7 @@ def _unrelated(
         noisy = f" and hardly rises above its own noise ({noise} from sample to sample)" if noise else ""
         return [
             f"the {torque_name} does not follow motion or {name}{noisy}: does the joint move beyond its play, is the "
-            "sensor connected, does its log belong to this motion, and did the bench prescribe it (in a log of a "
+            "sensor connected, does its log belong to this motion? Did the bench prescribe it (in a log of a "
             "walking robot the motion answers to the torque)? Then record again"
         ]
     if constant:
@@ -263,7 +262,7 @@ def _plain_laws(
 
 
 def _opposed_text(recording: Recording, turned: list[str]) -> str:
-    """What is said of runs with the other sign."""
+    """Note on runs with the other sign."""
     named = ", ".join(turned[:4]) + (", ..." if len(turned) > 4 else "")
     name, angle = (quantity(key, recording.units) for key in ("torque", "q"))
     return (

@@ -94,7 +94,7 @@ def fit_extended(recording: Recording, *, seed: int = 0, progress: Progress | No
 
     names = LINEAR + SHAPE
     assessment = assess(point, named, len(names), names)
-    warnings += [f"cannot be told apart: {', '.join(group)}" for group in assessment.together]
+    warnings += [f"cannot be distinguished: {', '.join(group)}" for group in assessment.together]
     figures = misfit(recording, point.simulated, samples, warnings)
     return ExtendedFit(estimates=assessment.estimates, current_full=scales.current, **figures)
 

@@ -65,7 +65,7 @@ def of_commonest_rate(dt: np.ndarray, start: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """What one inner unit means outside: motion [rad or m], current [A], torque [N·m or N]."""
+    """Size of one inner unit: motion [rad or m], current [A], torque [N·m or N]."""
 
     q: float = 1.0
     current: float = 1.0
@@ -169,20 +169,20 @@ class Dataset:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion(Dataset):
-    """A data set with its reconstructed motion and what effects need besides; normalised units, float64."""
+    """A data set with its reconstructed motion and further signals for effects; normalised units, float64."""
 
     qdd: np.ndarray
     """Acceleration by zero-phase local polynomials, shape (N,)."""
     time: np.ndarray
     """Time in the session [s], or in each trajectory where these share no clock, shape (N,)."""
     slid_time: np.ndarray
-    """The same time counted by the path length slid, as long as the longest, shape (N,)."""
+    """Time counted by the path length slid, as long as the longest, shape (N,)."""
     heat: np.ndarray
     """Heat stored since then for each of ``HEAT_TIMES``, shape (len(HEAT_TIMES), N)."""
     ranges: Ranges
     kinematics: Kinematics
     resistance: float = 0.0
-    """Coil resistance that the heat is reckoned with [Ohm]."""
+    """Coil resistance for the computed heat [Ohm]."""
     begin: np.ndarray | None = None
     """Direction in which the joint had slid before the first sample of each trajectory: -1, 1, or 0 for a device at
     rest without stress; None: 0 for all; shape (T,)."""
@@ -253,10 +253,10 @@ class Motion(Dataset):
         return np.array([0.5 * (self.q[part].min() + self.q[part].max()) for part in self.parts])
 
     @property
-    def doubtful(self) -> np.ndarray:
-        """Samples of which nobody knows whether the joint moves, bool, shape (N,)."""
-        doubtful = self.kinematics.doubtful
-        return np.zeros(len(self.qdd), dtype=bool) if doubtful is None else doubtful
+    def uncertain(self) -> np.ndarray:
+        """Samples for which it is unknown whether the joint moves, bool, shape (N,)."""
+        uncertain = self.kinematics.uncertain
+        return np.zeros(len(self.qdd), dtype=bool) if uncertain is None else uncertain
 
     @property
     def rests(self) -> list[slice]:
@@ -311,7 +311,7 @@ class Motion(Dataset):
                 first = part.start + int(begins[np.argmin(np.abs(begins + part.start - first))])
             taken.append(np.arange(first, first + length))
         at, k = np.concatenate(taken), self.kinematics
-        masks = ("doubtful", "still", "reversing")
+        masks = ("uncertain", "still", "reversing")
         known = {name: None if (x := getattr(k, name)) is None else x[at] for name in masks}
         return dataclasses.replace(
             self,

@@ -34,7 +34,7 @@ from mrwarp.params import BoucWenParams
 from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
 
 PARAMETERS = (*LINEAR, *SHAPE)
-"""What is fitted of eqs. 14 and 15."""
+"""Fitted parameters of eqs. 14 and 15."""
 
 
 class BoucWenStructure(Structure):
@@ -91,7 +91,7 @@ class FitResult(Misfit):
     combinations: dict[str, Estimate]
     """Combinations that the data determine better than the parameters themselves."""
     fixed: dict[str, float]
-    """What is never fitted: q_offset, q_center and coil_time_constant are 0, z_max is the paper's."""
+    """Parameters that are never fitted: q_offset, q_center and coil_time_constant are 0, z_max is the paper's."""
     units: dict[str, str]
     source: str
     samples: int
@@ -103,7 +103,7 @@ class FitResult(Misfit):
     condition: float
     seed: int
     effects: tuple[Effect, ...] = ()
-    """The law that takes the place of eq. 15, if one was asked for, and what acts beside it."""
+    """The law that takes the place of eq. 15, if one was asked for, and further effects."""
     offsets: dict[str, float] = field(default_factory=dict)
     """Torque by which the zero of each trajectory lies off D, where the zeros differ."""
     held_out: float | None = None
@@ -217,8 +217,8 @@ def _notes(
     top = recording.current_range[1] or 1.0
     levels = np.unique(np.round(np.concatenate([run.current for run in recording.trajectories]) / top, 3)) * top
     if len(levels) == 1:
-        notes.append(f"the current is {levels[0]:g} throughout: I1 and K1 cannot be told from D and K0")
-    notes += [f"cannot be told apart: {', '.join(group)}; trust their combinations only" for group in together]
+        notes.append(f"the current is {levels[0]:g} throughout: I1 and K1 cannot be distinguished from D and K0")
+    notes += [f"cannot be distinguished: {', '.join(group)}; trust their combinations only" for group in together]
     for name, x, low, high in zip(structure.shape, point.theta, structure.low, structure.high, strict=True):
         if x <= low or x >= high:
             notes.append(f"the search for {name} ended at its bound: its interval is not reliable")
@@ -233,7 +233,7 @@ def _notes(
 
 
 def made_motion(recording: Recording) -> list[str]:
-    """What of the motion was not measured."""
+    """Parts of the motion that were not measured."""
     runs, notes = recording.trajectories, []
     if any(run.qd_derived for run in runs):
         notes.append("the velocity was derived from q by zero-phase differentiation")
@@ -249,7 +249,7 @@ def holding_curve(current: np.ndarray, T_max: float, K: float, n: float) -> np.n
 
 
 def read_holding(data: Path, recording: Recording, file: Path | None, log: Progress) -> Holding | None:
-    """Break-away torques: those of ``file``, else those beside the data if they can be used.
+    """Break-away torques: those of ``file``, else those next to the data if they can be used.
 
     Raises:
         RecordingError: the torques do not fit the recording, or those of ``file`` are too few.

@@ -1,4 +1,4 @@
-"""What a fit says: the model of ``model.json``, the figures of ``result.json``, the printed table, predictions."""
+"""Results of a fit: the model of ``model.json``, the figures of ``result.json``, the printed table, predictions."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def law_title(result: FitResult) -> str:
 
 
 def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str, Any]:
-    """What goes into ``result.json``; an interval that the data do not give is null."""
+    """Content of ``result.json``; an interval that the data do not give is null."""
     same = ("fixed", "units", "source", "trajectories", "samples", "rate")
     fitted = {
         "parameters": _entries(result.estimates),

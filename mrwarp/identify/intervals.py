@@ -1,4 +1,4 @@
-"""What the data say about each parameter: intervals that survive correlated errors, and what cannot be told apart.
+"""Evidence on each parameter: intervals that survive correlated errors, and parameters that cannot be distinguished.
 
 Errors of bench data live at the level of trajectories (zero drift, gain, temperature), so samples are not independent.
 The covariance is the leave-one-trajectory-out jackknife (cluster-robust, CR3), linearised at the optimum, and its
@@ -19,7 +19,7 @@ from mrwarp.identify.projection import Point
 _RANK = 1e-8
 """Eigenvalues of the parameters' correlation matrix below this count as directions without information."""
 _TOGETHER = 0.995
-"""Correlation of two estimates above which they count as not told apart."""
+"""Correlation of two estimates above which they count as not distinguished."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Intervals of everything that was asked for, and what cannot be told apart."""
+    """Intervals of all parameters asked for, and those that cannot be distinguished."""
 
     estimates: dict[str, Estimate]
     condition: float

@@ -42,7 +42,7 @@ _SPREAD = 0.25
 _SCATTER = 1.8
 """Largest standard deviation of a resting angle over that of its noise; 1.73 for a reading that flips by one step."""
 _STEPS, _ON_GRID = 10, 0.1
-"""Changes between readings at which the angle stands that tell the step of its encoder, and by how much nine in ten of
+"""Changes between readings at rest that give the step of the angle's encoder, and by how much nine in ten of
 them may differ from whole steps."""
 _T = 3.0
 """Standard errors by which the halves of a rest, or its velocity and 0, may differ."""
@@ -62,7 +62,7 @@ class Kinematics:
     """Its standard error [s]; infinity where there is no velocity channel."""
     rests: bool = False
     """Whether the joint was held still where it seems to rest."""
-    doubtful: np.ndarray | None = None
+    uncertain: np.ndarray | None = None
     """Whether a sample is at the edge of such a rest, shape (N,); None: none is."""
     still: np.ndarray | None = None
     """Whether it is inside one, shape (N,); None: none is."""
@@ -88,7 +88,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
-    qd, qdd, doubtful, still, reversing = [], [], [], [], []
+    qd, qdd, uncertain, still, reversing = [], [], [], [], []
     known_q, known_v = sigma_q, sigma_v
     for run in runs:
         # an integrated angle knows nothing that the velocity does not
@@ -100,7 +100,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
             v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
         known, at_edge = known_velocity(run, sigma_q, sigma_v) if rests else (None, np.zeros(len(run.q), dtype=bool))
         still.append(np.zeros(len(run.q), dtype=bool) if known is None else np.isfinite(known))
-        doubtful.append(at_edge)
+        uncertain.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
         _without_overshoot(v, at_edge, round(_EDGE / run.dt))
         reversing.append(near_reversals(v, still[-1], round(_SPREAD / bandwidth / run.dt)))
@@ -116,7 +116,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         velocity_lag=lag,
         velocity_lag_error=error,
         rests=bool(rested.any()),
-        doubtful=np.concatenate(doubtful),
+        uncertain=np.concatenate(uncertain),
         still=rested,
         smoothing=smoothing,
         reversing=np.concatenate(reversing),
@@ -149,7 +149,7 @@ def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:
 
 
 def _left(run: Trajectory, sigma_q: float, sigma_v: float, bandwidth: float) -> float:
-    """Standard deviation of what the smoother leaves of the angle, slow drifts apart."""
+    """Standard deviation of the smoother's rest of the angle, without slow drifts."""
     v, _ = smooth(run.q, run.qd, run.dt, sigma_q, sigma_v, bandwidth)
     rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
     return float((rest - uniform_filter1d(rest, 2 * max(5, int(0.1 / run.dt)) + 1)).std())
@@ -171,7 +171,7 @@ def smooth(
         qd: Velocity.
         dt: Sampling interval [s].
         sigma_q: Standard deviation of the angle's noise; infinite: the angle is ignored.
-        sigma_v: Standard deviation of the velocity's noise, likewise.
+        sigma_v: Standard deviation of the velocity's noise; infinite: the velocity is ignored.
         bandwidth: Above that the motion holds nothing and its noise all [Hz].
         known: Velocity where it is known, shape (N,), NaN elsewhere.
     """
@@ -193,7 +193,7 @@ def smooth(
     sure = np.zeros(count, dtype=bool) if known is None else np.isfinite(known)
     certain = (_CERTAIN * np.abs(diagonal).max(axis=(1, 2)))[sure]
     diagonal[sure, 1, 1] += certain
-    beside = -step.T @ inverse
+    neighbour = -step.T @ inverse
     band = np.zeros((6, 3 * count))
     for i in range(3):
         for j in range(3):
@@ -201,7 +201,7 @@ def smooth(
                 band[5 - (j - i), j::3] = diagonal[:, i, j]
             offset = 3 + j - i
             if offset <= 5:
-                band[5 - offset, 3 + j :: 3] = beside[i, j]
+                band[5 - offset, 3 + j :: 3] = neighbour[i, j]
     right = np.zeros((count, 3))
     if weight[0] > 0.0:
         right[:, 0] = weight[0] * (q - q[0])
@@ -244,7 +244,7 @@ def lagged(x: np.ndarray, time_constant: float, dt: float) -> np.ndarray:
 
 
 def angle_noise(runs: Sequence[Trajectory]) -> float:
-    """Noise of the angle: that of the median run, at least that of its encoder's step where half of them tell it."""
+    """Noise of the angle: that of the median run, at least that of its encoder's step where half of them show it."""
     by_step = [noise for run in runs if (noise := _step_noise(run)) > 0.0]
     least = float(np.median(by_step)) if 2 * len(by_step) >= len(runs) else 0.0
     return max(least, float(np.median([_angle_noise(run) for run in runs])))
@@ -292,15 +292,15 @@ def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.
         The velocity, NaN where it is not known, and whether a sample is at the edge of a rest; both of shape (N,).
     """
     size, edge = len(run.q), round(_EDGE / run.dt)
-    known, doubtful = np.full(size, np.nan), np.zeros(size, dtype=bool)
+    known, uncertain = np.full(size, np.nan), np.zeros(size, dtype=bool)
     for part in resting(run.q, run.qd, run.dt, sigma_q, sigma_v):
         begin = part.start + edge if part.start else 0
         end = part.stop - edge if part.stop < size else size
         t = (np.arange(end - begin) - 0.5 * (end - begin - 1)) * run.dt
         slope, error = float(t @ run.q[begin:end] / (t @ t)), sigma_q / float(np.sqrt(t @ t))
         known[begin:end] = slope if abs(slope) > _T * error else 0.0
-        doubtful[part.start : begin] = doubtful[end : part.stop] = True
-    return known, doubtful
+        uncertain[part.start : begin] = uncertain[end : part.stop] = True
+    return known, uncertain
 
 
 def _without_overshoot(v: np.ndarray, at_edge: np.ndarray, count: int) -> None:

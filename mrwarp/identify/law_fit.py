@@ -2,7 +2,7 @@
 
 ``tau = D + B*qd + C*q_c + I1*I + B1*I*qd + (K0 + K1*f(I))*h``: every coefficient linear in the control input, and
 ``f`` its saturation where that predicts trajectories better that took no part. Each trajectory may have its own zero of
-the torque; where the zeros differ they are told apart from D by a straight line over the control input.
+the torque; where the zeros differ they are separated from D by a straight line over the control input.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Solution:
 
     @property
     def moves(self) -> np.ndarray:
-        """What each trajectory left out moves the free coordinates by, shape (T, F)."""
+        """Change of the free coordinates by leaving out each trajectory, shape (T, F)."""
         return self._left_out[0]
 
     @property
@@ -92,7 +92,7 @@ class LawSearch:
         self.levels = len(np.unique(np.round(self.motion.current, 2)))
         self.weight = self.motion.settled(4.0)
         self.varies = any(np.ptp(self.motion.current[part]) > 0.05 for part in self.motion.parts)
-        """Whether the current changes within a trajectory; else only their zeros tell I1."""
+        """Whether the current changes within a trajectory; else only their zeros give I1."""
 
     def layout(self, effects: Sequence[str]) -> Parameters:
         """The vector of a model with these effects, in the order of the columns."""
@@ -167,7 +167,7 @@ def law_search(motion: Motion, q_zero: float, name: str, *, offsets: bool, effec
         q_zero: Angle from which q_c counts, normalised.
         name: The law.
         offsets: Whether each trajectory has a zero of its own.
-        effects: What acts beside the law.
+        effects: Further effects.
         threads: CPU threads.
     """
     small = LawSearch(
@@ -202,10 +202,10 @@ def fit_law(
     scales, runs = motion.scales, recording.trajectories
     centres = [0.0, float(np.median([0.5 * (run.q.min() + run.q.max()) for run in runs]))]
     levels = len(np.unique(np.round(motion.current, 2)))
-    beside = ["current_viscosity"] if levels > 1 else []
+    with_effects = ["current_viscosity"] if levels > 1 else []
     log(f"{HYSTERESIS[name].title}: starts")
     fits = [
-        law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, effects=beside)
+        law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, effects=with_effects)
         for centre in (centres if "side" in HYSTERESIS[name].depends_on else centres[:1])
     ]
     best = min(fits, key=lambda s: float(s.loss.sum()))
@@ -280,17 +280,17 @@ def one_zero(found: Solution, replay: EffectReplay) -> Solution:
     Such friction moves the mean of a trajectory as well, the more the faster it runs.
     """
     search = LawSearch(replay, found.layout.q_zero, offsets=False)
-    alike = search.descend(found.layout, found.x)
-    if not zeros_moved(found, alike):
-        return alike
+    shared = search.descend(found.layout, found.x)
+    if not zeros_moved(found, shared):
+        return shared
     layout = search.layout([*found.layout.effects, "friction_asymmetry"])
-    directed = search.descend(layout, found.layout.grown(alike.x, layout.effects))
-    return directed if zeros_moved(directed, alike) else alike
+    directed = search.descend(layout, found.layout.grown(shared.x, layout.effects))
+    return directed if zeros_moved(directed, shared) else shared
 
 
-def zeros_moved(apart: Solution, together: Solution) -> bool:
+def zeros_moved(separate: Solution, together: Solution) -> bool:
     """Whether zeros of the trajectories' own leave clearly less than one zero for all does."""
-    return bool(apart.loss.sum() < _MOVED * together.loss.sum())
+    return bool(separate.loss.sum() < _MOVED * together.loss.sum())
 
 
 def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:
@@ -305,9 +305,9 @@ def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:
 def outer_numbers(
     best: Solution, scales: Scales, units: Mapping[str, str], between: Sequence[int] = ()
 ) -> tuple[dict[str, Estimate], tuple[Effect, ...]]:
-    """Numbers with intervals in the units of the recording: of eq. 14, and of the law and what acts beside it.
+    """Numbers with intervals in the units of the recording: of eq. 14, and of the law and further effects.
 
-    ``between`` are coordinates that were told from the zeros of the trajectories, without an interval.
+    ``between`` are coordinates that follow from the zeros of the trajectories, without an interval.
 
     With alpha = gamma = 0 and beta = 1 outside as inside, K0 and K1 are the sliding torque per unit of h.
     """

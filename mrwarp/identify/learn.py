@@ -34,7 +34,7 @@ SKIP = max(SAMPLES.values()) - 1
 
 @dataclass(frozen=True, kw_only=True)
 class Learned:
-    """What a training gave."""
+    """Result of a training."""
 
     model: LearnedModel
     history: History
@@ -146,8 +146,8 @@ def left_to_learn(
     usable = [k for k, run in enumerate(runs) if len(run.t) >= window]
     held = [usable[k] for k in split(len(usable), recipe.seed, VALIDATION)[1]] if len(usable) > 1 else []
     target, physical, with_learned = [], [], []
-    alike = all(np.array_equal(a, b) for a, b in zip(baseline, extended, strict=True))
-    for name, torque in (("baseline", baseline),) if alike else (("baseline", baseline), ("extension", extended)):
+    same = all(np.array_equal(a, b) for a, b in zip(baseline, extended, strict=True))
+    for name, torque in (("baseline", baseline),) if same else (("baseline", baseline), ("extension", extended)):
 
         def report(history: History, cfg: FitCfg, name: str = name) -> None:
             progress(
@@ -162,7 +162,7 @@ def left_to_learn(
         target.append(rms(np.concatenate(rest)))
         physical.append(rms(np.concatenate([rest[k][window - 1 :] for k in held])))
         with_learned.append(float(learned.figures["validation_rmse"]))
-    if alike:  # nothing was named: one training says both
+    if same:  # nothing was named: one training says both
         target, physical, with_learned = ([*x, *x] for x in (target, physical, with_learned))
     return {
         "target": target,

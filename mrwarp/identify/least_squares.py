@@ -35,7 +35,7 @@ class Quadratic:
     descent: np.ndarray
     """Half the negative gradient, shape (P,)."""
     content: Any = None
-    """What the evaluation found besides, for the caller."""
+    """Further findings of the evaluation, for the caller."""
 
     @classmethod
     def of(cls, gram: np.ndarray, content: Any = None) -> Quadratic:
@@ -55,10 +55,10 @@ class Rules:
     damping: float = 1e-4
     """First damping, relative to the normal matrix's diagonal."""
     relief: float = 10.0
-    """What a better point divides the damping by."""
+    """Divisor of the damping at a better point."""
     least: float = 1e-9
     increase: float = 30.0
-    """What a worse point multiplies the damping by."""
+    """Factor on the damping at a worse point."""
     most: float = 1e4
     """Damping at which the search gives up."""
     predicted: Callable[[float, float], bool] = lambda gain, loss: gain <= 1e-12 * loss
@@ -142,7 +142,7 @@ def ridge_solve(gram: np.ndarray, moment: np.ndarray, ridge: float = 1e-9) -> np
 
 
 def leave_out(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the fit to the other trajectories says of each, linearised at the optimum.
+    """Prediction of each trajectory by the fit to the others, linearised at the optimum.
 
     Args:
         parts: Gram matrices of [derivatives, mismatch] of the trajectories, shape (T, P + 1, P + 1).

@@ -28,7 +28,7 @@ from mrwarp.recording.records import check_count
 from mrwarp.runtime import panels
 
 QUANTITIES = {"yield": "yield torque", "viscosity": "viscosity"}
-"""What is followed, each as a share of the reference's."""
+"""Followed figures, each as a share of the reference's."""
 
 FALSE_ALARMS = 0.05
 """Share of healthy devices that may give an alarm over the horizon: the level of an ordinary test."""
@@ -57,7 +57,7 @@ class MonitorCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """What the records say."""
+    """Findings of the records."""
 
     names: tuple[str, ...]
     values: dict[str, np.ndarray]
@@ -139,7 +139,7 @@ def judge(names: Sequence[str], values: Mapping[str, np.ndarray], error: np.ndar
 
 
 def lines(health: Health, cfg: MonitorCfg) -> list[str]:
-    """What a user reads."""
+    """Text for the user."""
     found = []
     for quantity, title in QUANTITIES.items():
         judged = health.values[quantity][cfg.baseline :][-max(cfg.means) :]

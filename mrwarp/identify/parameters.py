@@ -43,11 +43,11 @@ STEEPEST, DRY = (5.0, 8.0, 9.0), (5.0, 11.0, 12.0)
 The latter is a hysteresis that is over after 1e-5 of a unit of path, less than a step of an encoder.
 """
 UNIT_LOOP = (0.0, 0.0, 0.0)
-"""Coordinates of the shape beside a law that takes eq. 15's place: alpha = gamma = 0, beta = 1 inner unit."""
+"""Coordinates of the shape with a law that takes eq. 15's place: alpha = gamma = 0, beta = 1 inner unit."""
 _STEP = 1e-2
 """Step of the central differences in non-linear coordinates."""
 _SHARE, _LEAST = 0.05, 1e-3
-"""Step in B, K0 and K1 beside a shaft that yields: as a share of the value, and at least."""
+"""Step in B, K0 and K1 with a shaft that yields: as a share of the value, and at least."""
 
 
 def row_column(effect: str, parameter: str) -> int:
@@ -121,7 +121,7 @@ class Parameters:
     effects: tuple[str, ...]
     """Names of the effects that act."""
     ranges: Ranges
-    """What the data cover."""
+    """Ranges that the data cover."""
     q_zero: float
     """Angle from which q_c counts."""
     choices: Mapping[tuple[str, str], float] = field(default_factory=dict)
@@ -295,7 +295,7 @@ def simulate(replay: EffectReplay, models: Sequence[tuple[Parameters, np.ndarray
 
 
 def without_hysteresis(p: Parameters, x: np.ndarray) -> tuple[Parameters, np.ndarray]:
-    """A model of what only adds to the torque beside a law: there it does what it does in the whole, for less time.
+    """A model of the terms that add to a law's torque: they act as in the whole model, for less time.
 
     Behind play or an elastic element nothing only adds, and eq. 15 costs little: then it is the model itself.
     """
@@ -320,7 +320,7 @@ def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.nda
         steps[yielding] = np.maximum(_SHARE * x[yielding], _LEAST)
     else:
         yielding = []
-    first = SHAPE_PART.stop if p.law else linear  # beside a law the shape stands
+    first = SHAPE_PART.stop if p.law else linear  # with a law the shape stands
     alone = without_hysteresis(p, x)
     models = [(p, x)] if alone[0] is p else [(p, x), alone]
     begin, rows = np.zeros(linear, dtype=int), len(models)

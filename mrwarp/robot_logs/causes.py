@@ -1,4 +1,4 @@
-"""What may be wrong with the simulation of a robot: causes, their places, sizes that healthy robots have anyway."""
+"""Faults of a robot's simulation: causes, their places, sizes that healthy robots have anyway."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ Field = Literal[
 """Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
 
 ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia", "command_delay")
-"""What descriptions rarely know: fitted in every case, and named where the log excludes the description."""
+"""Numbers that descriptions rarely know: fitted in every case, and named where the log excludes the description."""
 
 SESSION = "session"
-"""What a healthy robot may have, never a cause: where a joint settles in a session, how a fixed base stands, the time
-from a drive's reading to its torque, torques of all drives against masses of all links where the trunk is held."""
+"""Numbers of a healthy robot that are never a cause: where a joint settles in a session, how a fixed base stands, the
+time from a drive's reading to its torque, torques of all drives against masses of all links where the trunk is held."""
 
 FLOOR = ("ground_friction", "ground_stiffness")
-"""What the floor and the law of its contacts bring to every session: numbers that no description of a robot has. They
+"""Numbers of the floor and of the law of its contacts in every session. No description of a robot has them. They
 are a cause where they lie beyond what floors differ by."""
 
 OUTSIDE = ("soft_foot", "steady_pull")
-"""What no cause of the catalogue is, and would be blamed on one if it were not tried: a foot that gives otherwise than
-the floor makes all of them, and a force that pulls the trunk sideways all the time. Told as unexplained."""
+"""Effects outside the catalogue. Untried, they would be blamed on a cause of it: a foot softer or stiffer than the
+others, and a force that pulls the trunk sideways all the time. Reported as unexplained."""
 
 SAME = {"coulomb_friction": "device_drag"}
-"""Causes that no log tells from another at the same place: the other is named, and they are its alternative."""
+"""Causes that no log distinguishes from another at the same place: the other is named, and they are its alternative."""
 
 OWN_DELAY = 0.0005
 """Time after its row at which a command acts on any robot, half a cycle of a bus at 1 kHz, give or take as much [s]: it
 is simulated, but is no part of a fault's size."""
 
 TORQUE_SCALE = 0.1
-"""Standard deviation of all drives' torque alike against all masses alike, of a robot that is held: nothing anchors
+"""Standard deviation of all drives' torque against all masses, of a robot that is held: nothing anchors
 either there. A real Go2's legs droop 1.2 times as far as its description says."""
 
 LARGEST_SCALE = 1.4
@@ -48,7 +48,7 @@ LARGEST_SCALE = 1.4
 is a fault of gains or motors."""
 
 UNKNOWN_LATENCY = 0.002
-"""Time from a drive's reading to its torque that no log tells from a rotor's inertia, Kd times as large [s]."""
+"""Time from a drive's reading to its torque that no log distinguishes from a rotor's inertia, Kd times as large [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class Parameter:
     cause: str
     where: str
     name: str
-    """What the number is called in a result."""
+    """Name of the number in a result."""
     unit: str
     field: Field
     index: int
@@ -78,7 +78,7 @@ class Parameter:
     usual: tuple[float, float] = (0.0, 0.0)
     """Range of what is no fault."""
     every_session: bool = False
-    """Whether it is fitted beside any cause though it may be one."""
+    """Whether it is fitted next to any cause though it may be one."""
     nominal: float = 0.0
     """Value that a change adds to; for ``kp``, ``kd`` and ``strength`` the change is relative to it."""
 
@@ -89,7 +89,7 @@ class Parameter:
 
     @property
     def of_session(self) -> bool:
-        """Whether every session has its own, so that it is fitted beside any cause."""
+        """Whether every session has its own, so that it is fitted next to any cause."""
         return self.every_session or self.cause in (SESSION, *FLOOR)
 
     def absolute(self, change: float) -> float:
@@ -187,7 +187,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     # when in a row a command began to act no log says: up to the next row it is no delay of the robot. Its step is
     # short, for coils without lag read what a row commands until its last moment
     row = float(np.median([run.dt for run in log.runs]))
-    # coils tell it beside any cause; in the air inertias and gains would be traded for it
+    # coils show it next to any cause; in the air inertias and gains would be traded for it
     add(
         "command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02,
         usual=(0.0, row + OWN_DELAY), every_session=model.free,

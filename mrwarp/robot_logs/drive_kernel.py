@@ -20,14 +20,14 @@ _STRIBECK = wp.constant(STRIBECK_SPEED)
 
 @wp.struct
 class Commands:
-    """What a log commands in each of W windows at T steps, some of them before and after the window."""
+    """Commands of a log in each of W windows at T steps, some of them before and after the window."""
 
     ask_kp: wp.array3d[float]
     """Torque ``kp*q_des`` [N·m], shape (W, T, J)."""
     ask_kd: wp.array3d[float]
     """Torque ``kd*qd_des`` [N·m]."""
     ask: wp.array3d[float]
-    """Torque besides [N·m]."""
+    """Further torque [N·m]."""
     kp: wp.array3d[float]
     """[N·m/rad]"""
     kd: wp.array2d[float]
@@ -57,7 +57,7 @@ class Drives:
     dry: wp.array2d[float]
     """Dry friction [N·m]."""
     stribeck: wp.array2d[float]
-    """What Stribeck's friction adds to it at rest [N·m]."""
+    """Stribeck's addition to it at rest [N·m]."""
     alive: wp.array2d[float]
     """Coil current for one commanded [1]."""
     device: wp.array2d[float]
@@ -70,7 +70,7 @@ class Drives:
 
 @wp.func
 def late(values: wp.array3d[float], window: int, joint: int, at: int, share: float) -> float:
-    """What was asked for between two steps: at ``at`` and, in proportion, at the one before."""
+    """Command between two steps: at ``at`` and, in proportion, at the one before."""
     top = values.shape[1] - 1
     now = values[window, wp.clamp(at, 0, top), joint]
     return now + share * (values[window, wp.clamp(at - 1, 0, top), joint] - now)
@@ -151,7 +151,7 @@ def drive_kernel(
     latency_in: wp.array[float],
     qpos_in: wp.array2d[Any],
     qvel_in: wp.array2d[Any],
-    # out, shapes (E, J) three times, (E, J), (E, J, 10), (E, nv): as begin_kernel's; what drives are told, how they
+    # out, shapes (E, J) three times, (E, J), (E, J, 10), (E, nv): as begin_kernel's; commands of the drives, how they
     # answer the state, friction [N·m]
     slow_out: wp.array2d[float],
     coil_out: wp.array2d[float],

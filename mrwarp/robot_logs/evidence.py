@@ -1,4 +1,4 @@
-"""What a log says of every number: derivatives of the replays, freed of what is unknown about each window's start.
+"""A log's information on every number: derivatives of the replays, without the unknown start of each window.
 
 Around a robot ``theta`` the mismatch of window w is ``r_w - J_w*(change) - Z_w*(start)``. The start is eliminated with
 its prior, channels weigh by what is left in them, and what remains is a quadratic form per window: the unit by which
@@ -19,7 +19,7 @@ from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisan
 from mrwarp.robot_logs.windows import Windows
 
 ROUNDS = 4
-"""Times that channels are weighed anew by what is left in them."""
+"""Times that channels are weighed again by their rest."""
 
 TRUSTED = 0.5
 """A step that gains less than this share of what the derivatives promise calls for new ones."""
@@ -58,7 +58,7 @@ class Evidence:
     scale: float
     """Factor by which information is overstated, samples being correlated and the simulation never quite right."""
     sigma: dict[str, np.ndarray]
-    """What is left in each channel, by name, shape (C,)."""
+    """Rest of each channel, by name, shape (C,)."""
     run: np.ndarray
     """Run of each window, shape (W,)."""
     samples: int
@@ -76,7 +76,7 @@ class Evidence:
         return float(self.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
 
     def by_window(self, theta: np.ndarray) -> np.ndarray:
-        """The same of each window, shape (W,)."""
+        """Rest of each window, shape (W,)."""
         return left_at(theta, self.a, self.b, self.c)
 
     def sized(self, x: np.ndarray, members: Sequence[int], low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ class Evidence:
         return new
 
     def of(self, free: Sequence[int]) -> Evidence:
-        """The same of some of the parameters, the others as described."""
+        """Evidence on some of the parameters, the others as described."""
         k = list(free)
         return replace(
             self, a=self.a[:, k][:, :, k], b=self.b[:, k], slopes=tuple(replace(x, j=x.j[:, k]) for x in self.slopes)
@@ -121,7 +121,7 @@ def gather(
         groups: Windows, see :func:`mrwarp.robot_logs.windows.cut_windows`.
         parameters: P parameters.
         theta: Values about which derivatives are taken, shape (P,).
-        log: Told of progress.
+        log: Called with the progress.
     """
     slopes = [slopes_of(model, windows, parameters, theta, log) for windows in groups]
     rows = [_mismatch(Replay(model, w), parameters, np.tile(theta, (w.count, 1)), np.arange(w.count)) for w in groups]
@@ -159,7 +159,7 @@ def gather(
 def replayed(
     evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
 ) -> tuple[float, Evidence]:
-    """Weighted squared mismatch at parameters, as the replay has it: what :meth:`Evidence.at` foretells [1].
+    """Weighted squared mismatch at parameters, as the replay has it: the value that :meth:`Evidence.at` predicts [1].
 
     Returns:
         It, and the evidence about ``theta`` with the slopes and weights of ``evidence``.
@@ -185,7 +185,7 @@ def replayed(
 def losses(
     evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """What the replay leaves of each window that counts.
+    """Rest of each window that counts, by the replay.
 
     Args:
         evidence: Weights, derivatives by the windows' start, and which of the groups' windows count.
@@ -195,7 +195,7 @@ def losses(
         theta: Values for each of the W windows that count, shape (W, P).
 
     Returns:
-        Weighted squared mismatch beside the best start [1], shape (W,), infinite where the replay broke; and by channel
+        Weighted squared mismatch from the best start [1], shape (W,), infinite where the replay broke; and by channel
         the mean square of the mismatch from the logged start, in the channel's unit squared, (W, C) without columns
         that the log does not have.
     """
@@ -291,7 +291,7 @@ def fit(
     """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
 
     Derivatives and weights stay those of ``evidence``, about ``theta`` where it is given, while steps gain what they
-    promise; ``renew`` times they are taken anew. Returned are parameters, shape (P,), the evidence about them, and
+    promise; ``renew`` times they are taken again. Returned are parameters, shape (P,), the evidence about them, and
     whether its derivatives are of there.
     """
     damping, fresh = 1e-3, True
@@ -343,7 +343,7 @@ def _rms(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.n
 
 
 def _currents_alone(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """What is left in coil currents, shape (C,), by the numbers with which they alone agree best; empty without."""
+    """Rest of coil currents, shape (C,), by the numbers with which they alone agree best; empty without."""
     if not slopes or CURRENT not in slopes[0].layout:
         return {}
     squares = []

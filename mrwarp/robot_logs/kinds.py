@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 LOG_FILE = "log.json"
-"""What describes a folder of recordings as a robot's log."""
+"""File that describes a folder of recordings as a robot's log."""
 
 PICKLES = (".pkl", ".pickle")
 """Files that run programs when they are read."""

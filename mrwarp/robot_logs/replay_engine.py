@@ -19,7 +19,7 @@ CONTACTS = 48
 
 
 class ReplayEngine:
-    """E robots beside each other, with their drives and devices, and a record of K steps.
+    """E separate robots, with their drives and devices, and a record of K steps.
 
     Attributes:
         robots: E.

@@ -90,7 +90,7 @@ class ReplayModel:
     feet: tuple[int, ...]
     """Shapes that can touch the ground at the ends of the legs; empty for a fixed base."""
     prefix: str
-    """What Newton puts before the names of a USD file's bodies."""
+    """Newton's prefix of the names of a USD file's bodies."""
     devices: Devices
     limited: np.ndarray
     """Whether the description knows a limit of each joint's torque, shape (J,)."""
@@ -304,7 +304,7 @@ class Stance:
 
 
 def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, MrParams], str]:
-    """What the file says, ranges of torques that stand elsewhere, devices by joint, what bodies' names begin with."""
+    """The file's model, ranges of torques that stand elsewhere, devices by joint, prefix of the bodies' names."""
     if path.suffix in ROBOT_SUFFIXES or not path.suffix:
         asset = load_robot(robot=str(path)) if path.suffix else load_robot(robot=path.name)
         kept: list[mujoco.MjSpec] = []

@@ -1,4 +1,4 @@
-"""What the simulation of a robot gets wrong, and where: from a log to named causes, as docs/robot_logs.md has it."""
+"""Faults of a robot's simulation and their places: from a log to named causes, as docs/robot_logs.md has it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import FirstLook, first_look, fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
-from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, foretelling
+from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_validated
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, sentence_of
 from mrwarp.robot_logs.selection import (
     PARTS,
@@ -39,12 +39,12 @@ from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motio
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows, cut_windows
 
 FIT_SECONDS, SECONDS = 10.0, 60.0
-"""Parts of a log by which the robot is fitted step by step, and from which causes are told [s]; logs of up to
+"""Parts of a log by which the robot is fitted step by step, and from which causes are reported [s]; logs of up to
 :data:`WHOLE` s are fitted as a whole."""
 
 WHOLE = 15.0
 
-NOT_FORETOLD = "pieces of the log that took no part are not clearly predicted better with it"
+NOT_PREDICTED = "pieces of the log that took no part are not clearly predicted better with it"
 NOT_CLEAR = "its interval reaches to what is no fault"
 
 VERDICTS: dict[tuple[bool, bool], Verdict] = {
@@ -65,7 +65,9 @@ def robot_of(log: RobotLog, robot: str | None) -> Path:
         raise LogError(f"{log.path}: names no robot; name the description with --robot")
     near = (log.path if log.path.is_dir() else log.path.parent) / log.robot
     if not near.is_file():
-        raise LogError(f"{log.path}: its robot, {log.robot}, does not lie beside it; name the description with --robot")
+        raise LogError(
+            f"{log.path}: its robot, {log.robot}, does not lie next to it; name the description with --robot"
+        )
     return near
 
 
@@ -104,13 +106,13 @@ def diagnose_log(
         evidence = gather(model, groups, parameters, theta, progress)
     progress("causes that stand out")
     chosen = select(evidence, parameters, confirmed)
-    foretold, _ = foretelling(chosen, evidence, parameters)
+    validated, _ = cross_validated(chosen, evidence, parameters)
     # derivatives do not reach from a large cause to a robot without it: in the air, where errors fade, what the fit
     # needed is for the replay to judge alone; on feet, where they grow, both have to agree
-    found = [f for f in chosen if f in foretold or (f.direction in confirmed and not model.free)]
-    doubtful = [f for f in chosen if f not in found]
+    found = [f for f in chosen if f in validated or (f.direction in confirmed and not model.free)]
+    rejected = [f for f in chosen if f not in found]
     found, refuted = by_replay(found, model, groups, evidence, parameters, theta)
-    doubtful += refuted
+    rejected += refuted
 
     wide = bounds_of(parameters)
 
@@ -135,14 +137,14 @@ def diagnose_log(
 
     progress("sizes")
     found, unclear, size, near = clear_ones(found, evidence, parameters, alone)
-    doubtful += unclear
-    told, other = likelier(found, size.size, parameters)
-    if [f.direction for f in told] != [f.direction for f in found]:
-        size, near = alone(told, other)
-    found = told
+    rejected += unclear
+    likely, other = likelier(found, size.size, parameters)
+    if [f.direction for f in likely] != [f.direction for f in found]:
+        size, near = alone(likely, other)
+    found = likely
     progress("before and after")
     foreign = [f for f in found if f.direction.cause in OUTSIDE]
-    # a floor or a delay that is a fault is no part of the session before it is told
+    # a floor or a delay that is a fault is no part of the session before it is reported
     usual = bounds_without(parameters, [f.direction for f in found if f not in foreign])
     before = (size, near) if len(foreign) == len(found) else alone(foreign, bounds=usual)
 
@@ -152,7 +154,7 @@ def diagnose_log(
 
     gain, errors = held_out(found, near)
     if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
-        doubtful += [f for f in found if f not in foreign]
+        rejected += [f for f in found if f not in foreign]
         found, usual = foreign, wide
         size, near = before = alone(foreign)
         gain, errors = held_out(found, near)
@@ -164,12 +166,12 @@ def diagnose_log(
     for cause in causes:
         for k, change in cause.change.items():
             extended[k] = change
-    beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
-    suspects, both = [], [*found, *doubtful]
-    for f in (f for f in doubtful if f.direction.cause not in OUTSIDE):
+    beliefs = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in rejected)])
+    suspects, both = [], [*found, *rejected]
+    for f in (f for f in rejected if f.direction.cause not in OUTSIDE):
         about = sizes(evidence, parameters, [f.direction for f in both], *wide)
-        c = _named(f, both, replace(size, size=about, lone=about), evidence, parameters, beside)
-        reason = NOT_CLEAR if f in unclear else NOT_FORETOLD
+        c = _named(f, both, replace(size, size=about, lone=about), evidence, parameters, beliefs)
+        reason = NOT_CLEAR if f in unclear else NOT_PREDICTED
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
     progress("what no cause explains")
     acting = outside(pushes(evidence, model, groups, parameters, theta), groups, log)
@@ -191,7 +193,7 @@ def diagnose_log(
     if abs(scale) > TORQUE_SCALE:
         notes.append(
             f"all drives' torques are {1.0 + scale:.2f} times what gains and masses of the description make them: "
-            "either may be off, and a robot that is held does not tell which"
+            "either may be off, and a robot that is held does not show which"
         )
     frictions = ("coulomb_friction", "viscous_friction")
     if less := [c.where for c in causes if c.name in frictions and min(c.change.values()) < 0.0]:
@@ -318,7 +320,7 @@ def _place(direction: Direction, here: str) -> str:
 
 
 def _on_windows_of(evidence: Evidence, near: Evidence, free: list[int]) -> Evidence:
-    """What ``near`` says of its ``free`` parameters, in the shapes of ``evidence``; nothing of windows it left out."""
+    """Evidence of ``near`` on its ``free`` parameters, in the shapes of ``evidence``; without windows it left out."""
     a, b = np.zeros_like(evidence.a), np.zeros_like(evidence.b)
     here, there = np.flatnonzero(near.keep[evidence.keep]), np.flatnonzero(evidence.keep[near.keep])
     own = np.array(free, dtype=int)
@@ -330,12 +332,12 @@ def _held_out(
     model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
     *fits: tuple[list[Direction], Evidence, tuple[np.ndarray, np.ndarray]],
 ) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:  # fmt: skip
-    """Error of the replay on parts of the log that took no part, before and after, both beside their session's offsets.
+    """Error of the replay on parts of the log that took no part, before and after, both with their session's offsets.
 
     ``fits`` are the causes of each, the evidence about its fit, and its bounds.
 
     Returns:
-        Reduction of the weighted error beside each window's best start, with its interval over parts; and errors before
+        Reduction of the weighted error from each window's best start, with its interval over parts; and errors before
         and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
     """
     theta = np.zeros((2, len(evidence.c), len(parameters)))

@@ -11,7 +11,7 @@ import numpy as np
 from mrwarp.robot_logs.causes import FLOOR, ORDINARY, SESSION, Parameter
 from mrwarp.robot_logs.evidence import Evidence, fit, gather, left_by_each, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.robot_proof import foretelling
+from mrwarp.robot_logs.robot_proof import cross_validated
 from mrwarp.robot_logs.selection import (
     DRIVE,
     NAMED_ODDS,
@@ -29,22 +29,22 @@ from mrwarp.robot_logs.selection import (
 from mrwarp.robot_logs.windows import Windows
 
 ROUNDS = 4
-"""Times that what stands out is released and the robot fitted anew."""
+"""Times that outstanding numbers are freed and the robot fitted again."""
 
 LOUD, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
 """Directions that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
 one after the other."""
 
 FLOORS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0)
-"""Changes of the floor that are tried beside them, in those of a fault: feet that hardly slip or sink say nothing, by
+"""Changes of the floor that are tried next to them, in those of a fault: feet that hardly slip or sink say nothing, by
 derivatives, of how others would."""
 
 FEET = (0.25, 1.0, 4.0)
-"""Likewise of each foot."""
+"""Changes of each foot."""
 
 LIMITED = 2
-"""Drives whose limit is tried beside them, at the most that they gave: those that gave least of what was asked of them.
-Derivatives see a limit only where it begins to act."""
+"""Drives whose limit is tried next to them, at the most that they gave: those that gave least of what was asked of
+them. Derivatives see a limit only where it begins to act."""
 
 SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
 """Factor between sizes of a cause that are tried by the replay, how often the range is widened, and then narrowed."""
@@ -101,7 +101,7 @@ def fitted(
         found = loudest
         if round_ or not loudest:
             # what does not predict what it did not see is no cause, and would only lead the fit astray
-            seen, _ = foretelling(select(evidence, parameters), evidence, parameters)
+            seen, _ = cross_validated(select(evidence, parameters), evidence, parameters)
             found = [f.direction for f in seen if f.direction.cause not in ORDINARY]
         # common causes go first: those at single places may only stand for them
         common = [d for d in found if len(d.members) > 1]
@@ -147,7 +147,7 @@ def fitted(
 
 
 def _session(model: ReplayModel, groups: list[Windows], parameters: list[Parameter]) -> np.ndarray:
-    """What every session has, fitted alone, (P,); when commands act by search, and the rest anew beside it.
+    """Numbers of every session, fitted alone, (P,): the commands' delay by search, the rest fitted again for each.
 
     Coils read what rows command, step by step: derivatives do not say how far off the right row is.
     """
@@ -227,7 +227,7 @@ def searched(
         between = at(float(np.clip(-slope / (2.0 * bend), near[0], near[2]))) if bend > 0.0 else seen[best]
         if between[0] < seen[best][0]:
             return between[1]
-        # no parabola: beside a step, as where commands that come later are read by other rows
+        # no parabola: next to a step, as where commands that come later are read by other rows
         seen |= {s: at(s) for s in np.sqrt(near[:2] * near[1:]).tolist()}
         best = min(seen, key=lambda size: seen[size][0])
     return seen[best][1]
@@ -240,7 +240,7 @@ def _loudest(
 
     Derivatives about the described robot in this session, ``theta``, end where a foot lifts: in sum, many small changes
     then promise more than the true large one, and the replay keeps none of it. So single changes are tried by the
-    replay at several sizes, the best is kept, and those beside it are tried, until one is more than a healthy robot
+    replay at several sizes, the best is kept, and its neighbours are tried, until one is more than a healthy robot
     can have.
     """
     low, high = bounds_of(parameters)
@@ -320,7 +320,7 @@ def _loudest(
 
 
 def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, float]:
-    """Most that drives gave beside what was asked of them, as a change [1], of the :data:`LIMITED` least, by joint."""
+    """Most that drives gave relative to their commands, as a change [1], of the :data:`LIMITED` least, by joint."""
     read = [np.abs(w.measured["tau"]).reshape(-1, len(model.joints)) for w in groups if "tau" in w.measured]
     if not read:
         return {}
@@ -329,9 +329,9 @@ def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, flo
 
 
 def _same_drive(own: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
-    """The same robot, (P,), with the motors, Kp and Kd of ``own``'s joints such that the other two are the healthiest.
+    """An equal robot, (P,), with the motors, Kp and Kd of ``own``'s joints such that the other two are the healthiest.
 
-    A drive gives its strength times what its gains ask for: only products of it and a gain are told by a replay.
+    A drive gives its strength times what its gains ask for: only products of it and a gain follow from a replay.
     """
     found = theta.copy()
     for joint in (parameters[k].index for k in own.members):
@@ -350,9 +350,9 @@ def _same_drive(own: Direction, theta: np.ndarray, parameters: list[Parameter]) 
 
 
 def _twin(own: Direction, other: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray | None:
-    """Of a robot whose Kp is another at all joints, that whose Kd is, beside another torque scale, and back; (P,).
+    """Of a robot whose Kp is another at all joints, that whose Kd is, with another torque scale, and back; (P,).
 
-    No log of a robot that is held tells the two apart but by that scale. None where the session has no scale.
+    No log of a robot that is held distinguishes the two except by that scale. None where the session has no scale.
     """
     scale = next((k for k, p in enumerate(parameters) if p.field == "scale"), None)
     if {own.cause, other.cause} != {"kp", "kd"} or own.where != "robot" or scale is None:
@@ -369,7 +369,7 @@ def _twin(own: Direction, other: Direction, theta: np.ndarray, parameters: list[
 def likelier(found: list[Found], theta: np.ndarray, parameters: list[Parameter]) -> tuple[list[Found], np.ndarray]:
     """Causes and sizes, (P,), with that of Kp and Kd of all joints whose torque scale and size are the likelier.
 
-    They are one robot: which of them a fit came nearer to does not tell. The other is its alternative.
+    They are one robot: which of them a fit came nearer to decides nothing. The other is its alternative.
     """
     found = list(found)
     for k, f in enumerate(found):
@@ -379,16 +379,16 @@ def likelier(found: list[Found], theta: np.ndarray, parameters: list[Parameter])
                 continue
             less = _unlikely(f.direction, theta, parameters) - _unlikely(other, twin, parameters)
             if less > -2.0 * RIVAL_ODDS:
-                told, rival = (other, f.direction) if less > 0.0 else (f.direction, other)
-                alternatives = dict.fromkeys([rival, *(d for d in f.alternatives if d != told)])
-                found[k] = replace(f, direction=told, alternatives=tuple(alternatives))
+                likely, rival = (other, f.direction) if less > 0.0 else (f.direction, other)
+                alternatives = dict.fromkeys([rival, *(d for d in f.alternatives if d != likely)])
+                found[k] = replace(f, direction=likely, alternatives=tuple(alternatives))
                 theta = twin if less > 0.0 else theta
                 break
     return found, theta
 
 
 def _unlikely(own: Direction, theta: np.ndarray, parameters: list[Parameter]) -> float:
-    """How unlikely a cause at all joints is beside its torque scale: twice a negative logarithm of the prior."""
+    """How unlikely a cause at all joints is with its torque scale: twice a negative logarithm of the prior."""
     (scale,) = (p for p in parameters if p.field == "scale")
     at = theta[parameters.index(scale)]
     if not scale.lowest <= at <= scale.highest:

@@ -112,7 +112,7 @@ class RobotLog:
     header: Mapping[str, Any] = field(default_factory=dict)
     """All of ``log.json``."""
     notes: tuple[str, ...] = ()
-    """What was repaired or left out when it was read."""
+    """Repairs and omissions of its reading."""
 
     @property
     def seconds(self) -> float:
@@ -134,13 +134,13 @@ def load_log(path: Path, *, skip_bad: bool = False) -> RobotLog:
 
     Raises:
         LogError: it is refused; the message names file, row and column, and the remedy.
-        RecordingError: likewise, for a file that is no table.
+        RecordingError: it is refused, for a file that is no table.
     """
     path = path.parent if path.name == LOG_FILE else path
     header = _header(path)
     files = sorted(file for file in path.iterdir() if suffix_of(file))
     if not files:
-        raise LogError(f"{path}: no recordings beside {LOG_FILE}; add {', '.join(SUFFIXES)} files")
+        raise LogError(f"{path}: no recordings next to {LOG_FILE}; add {', '.join(SUFFIXES)} files")
     units = _units(path, header)
     joints = _joints_of(path, header)
     left, runs, notes, refused = MAX_BYTES, [], [], []
@@ -342,7 +342,9 @@ def _run(table: Table, joints: Sequence[str], units: Mapping[str, float], fixed:
     for channel, axes in BASE_CHANNELS.items():
         missing = [axis for axis in axes if f"{channel}.{axis}" not in scaled]
         if 0 < len(missing) < len(axes):
-            raise table.refuse(f"{channel}.{missing[0]} is missing beside the others; add it or leave {channel} out")
+            raise table.refuse(
+                f"{channel}.{missing[0]} is missing where the others are given; add it or leave {channel} out"
+            )
         if not missing:
             base[channel] = np.stack([scaled[f"{channel}.{axis}"] for axis in axes], axis=1)
     feet = {name.partition(".")[2]: values for name, values in scaled.items() if name.startswith("foot.")}
@@ -356,7 +358,7 @@ def _run(table: Table, joints: Sequence[str], units: Mapping[str, float], fixed:
 
 
 def check_run(run: LogRun, joints: Sequence[str], refuse: Callable[[str, str], Exception]) -> LogRun:
-    """What no file format can know: no numbers, angles in degrees, speeds of another unit, orientations that are none.
+    """Faults that no file format knows: no numbers, angles in degrees, speeds of another unit, impossible orientations.
 
     Raises:
         Exception: what ``refuse`` makes of a problem and the column that has it.
@@ -404,7 +406,7 @@ def check_run(run: LogRun, joints: Sequence[str], refuse: Callable[[str, str], E
 
 
 def _slope(run: LogRun, k: int) -> float | None:
-    """Logged speed beside the change of the angle, or None where the joint hardly moves."""
+    """Logged speed relative to the change of the angle, or None where the joint hardly moves."""
     q, qd = run.joint["q"][:, k], run.joint["qd"][:, k]
     step = max(1, round(0.02 / run.dt))
     dq = (q[step:] - q[:-step]) / (run.t[step:] - run.t[:-step])
@@ -457,7 +459,7 @@ def sources(log: RobotLog) -> list[str]:
 
 
 def describe(log: RobotLog) -> list[str]:
-    """What a log holds, for the terminal."""
+    """Content of a log, for the terminal."""
     rates = sorted({round(1.0 / run.dt) for run in log.runs})
     channels = sorted({c for run in log.runs for c in (*run.joint, *run.base, *(["foot"] if run.feet else []))})
     shown = (

@@ -30,7 +30,7 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows
 
-FORETOLD, NEARLY_ALL = 5e-5, 0.85
+BY_CHANCE, NEARLY_ALL = 5e-5, 0.85
 """Largest chance that windows agree as much on a cause that explains nothing, by Wilcoxon's signed ranks: one in a
 hundred over 200 causes and places. Few windows cannot reach it: there, this share of the score that they can reach."""
 
@@ -47,9 +47,9 @@ class Sizes:
     """Sizes by the replay, shape (P,)."""
 
     size: np.ndarray
-    """Of the causes, beside the session's offsets."""
+    """Of the causes, with the session's offsets."""
     lone: np.ndarray
-    """The same where nothing else is off."""
+    """Their sizes where nothing else is off."""
     wider: float
     """Factor on intervals."""
 
@@ -62,7 +62,9 @@ class Sizes:
         return size, half_width(members, size, now, parameters, wider=self.wider, lone=lone)
 
 
-def foretelling(found: list[Found], evidence: Evidence, parameters: list[Parameter]) -> tuple[list[Found], list[Found]]:
+def cross_validated(
+    found: list[Found], evidence: Evidence, parameters: list[Parameter]
+) -> tuple[list[Found], list[Found]]:
     """Causes without which pieces of the log that took no part are predicted worse, and the others."""
 
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
@@ -76,9 +78,9 @@ def by_replay(
     found: list[Found], model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
     fitted: np.ndarray,
 ) -> tuple[list[Found], list[Found]]:  # fmt: skip
-    """Causes without which the replay itself, fitted anew, is worse, and those that only its derivatives ask for.
+    """Causes without which the replay itself, fitted again, is worse, and those that only its derivatives ask for.
 
-    A step of a leg is far from linear: beside a large fault derivatives blame neighbours for what the replay with
+    A step of a leg is far from linear: next to a large fault derivatives blame neighbours for what the replay with
     them does not show. ``fitted``, (P,), is the robot that ``evidence`` is about.
     """
 
@@ -119,7 +121,7 @@ def clear_ones(
 
     ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
     """
-    found, doubtful = list(found), []
+    found, rejected = list(found), []
     while True:
         size, near = alone(found)
         released = [f.direction for f in found]
@@ -130,8 +132,8 @@ def clear_ones(
             beyond = abs(own - np.clip(own, *parameters[d.members[0]].usual))
             clear.append(float(beyond / half))
         if not found or min(clear) > 1.0:
-            return found, doubtful, size, near
-        doubtful.append(found.pop(int(np.argmin(clear))))
+            return found, rejected, size, near
+        rejected.append(found.pop(int(np.argmin(clear))))
 
 
 def _certain(
@@ -144,10 +146,10 @@ def _certain(
     """Causes that windows agree on, and the others.
 
     ``without`` gives what every window, (W,), loses among causes without each of some. The least certain is taken out
-    first, and those that were not certain beside it are tried again. ``limbs``, by place, do not move each other: of
+    first, and those that were not certain with it are tried again. ``limbs``, by place, do not move each other: of
     each one goes at a time.
     """
-    found, tried, doubtful = list(found), list(found), []
+    found, tried, rejected = list(found), list(found), []
     while tried:
         certain = []
         for f, gain in zip(tried, without(found, tried), strict=True):
@@ -162,9 +164,9 @@ def _certain(
         gone = [least[first], *(least[limb] for limb in others if first and limb)]
         for f in (tried[k] for k in gone):
             found.remove(f)
-            doubtful.append(f)
+            rejected.append(f)
         tried = [f for k, f in enumerate(tried) if certain[k] < 1.0 and k not in gone]
-    return found, doubtful
+    return found, rejected
 
 
 def _acting(d: Direction, evidence: Evidence, parameters: list[Parameter]) -> np.ndarray:
@@ -184,21 +186,21 @@ def _agreement(gain: np.ndarray) -> float:
 
 @functools.cache
 def _needed(count: int) -> float:
-    """Score that :data:`FORETOLD` asks of so many windows, by the exact distribution: a normal one has longer tails."""
+    """Score for :data:`BY_CHANCE` of so many windows, by the exact distribution: a normal one has longer tails."""
     chance = np.ones(1)  # of each sum of the ranks that gain
     for rank in range(1, count + 1):
         without = np.pad(chance, (0, rank))
         chance = 0.5 * (without + np.roll(without, rank))
     most, spread = 0.5 * count * (count + 1), float(np.sqrt(count * (count + 1) * (2 * count + 1) / 6.0))
-    rare = np.flatnonzero(np.cumsum(chance[::-1])[::-1] <= FORETOLD)
+    rare = np.flatnonzero(np.cumsum(chance[::-1])[::-1] <= BY_CHANCE)
     return min(float(2 * rare[0] - most) / spread if len(rare) else np.inf, NEARLY_ALL * most / spread)
 
 
 def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None) -> np.ndarray:
     """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description.
 
-    With it each window's part of what the parameters are unlikely by: twelve drives that all settle far beside their
-    commands foretell a log of a heavier trunk as well as its mass does.
+    With it each window's part of what the parameters are unlikely by: twelve drives that all settle far from their
+    commands predict a log of a heavier trunk as well as its mass does.
     """
     q, low, high = _without(parameters, found, without)
     loss = np.zeros(len(evidence.c))
@@ -216,13 +218,13 @@ def _without(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A robot without one of its causes: precision of its numbers, (P, P), and bounds, (P,), of what is then allowed.
 
-    What a healthy robot may be off beside causes stays allowed. A joint's gain beside that of all joints is then
-    theirs, and not as described.
+    Deviations of a healthy robot in addition to causes stay allowed. A joint's gain relative to that of all joints is
+    then theirs, and not as described.
     """
-    alike = one is not None and bool(wider_than(one.direction, [f.direction for f in found]))
-    if alike:
+    wider = one is not None and bool(wider_than(one.direction, [f.direction for f in found]))
+    if wider:
         found = [f for f in found if f is not one]
-    low, high = bounds_without(parameters, [] if one is None or alike else [one.direction])
+    low, high = bounds_without(parameters, [] if one is None or wider else [one.direction])
     named = {k for f in found for k in f.direction.members}
     for k, p in enumerate(parameters):
         if k not in named and p.cause not in ORDINARY and not p.of_session:

@@ -29,7 +29,7 @@ class NamedCause:
     p_value: float
     """Chance that a healthy robot would give as much, after looking at every cause and place."""
     alternatives: tuple[str, ...]
-    """Causes that this log does not tell from it; with `` of PLACE`` where that is another place."""
+    """Causes that this log does not distinguish from it; with `` of PLACE`` where that is another place."""
     gain: float
     """Share of the squared mismatch that returns without it [1]."""
     change: Mapping[int, float]
@@ -57,9 +57,9 @@ class RobotDiagnosis:
     per_joint: Mapping[str, Mapping[str, float]]
     """RMSE of the angle over windows that took no part, before and after, by joint [rad]."""
     per_channel: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Likewise by channel, in the channel's unit."""
+    """Errors by channel, in the channel's unit."""
     session: Mapping[str, float]
-    """Where each joint settled beside its command in this session [rad]."""
+    """Where each joint settled relative to its command in this session [rad]."""
     detectable: Mapping[str, Value] = field(default_factory=dict)
     """Smallest size of each cause that this log would have shown, at the place where it shows best."""
     notes: tuple[str, ...] = ()
@@ -112,10 +112,10 @@ class RobotDiagnosis:
         }  # fmt: skip
 
     def write(
-        self, out: Path, command: str, besides: Mapping[str, Any] | None = None, *, seed: int, model_name: str = ""
+        self, out: Path, command: str, extras: Mapping[str, Any] | None = None, *, seed: int, model_name: str = ""
     ) -> Path:
-        """Write ``result.json``, with what is known ``besides``, atomically into a folder, made if it is not there."""
-        found = self.to_dict() | {"model": model_name or None} | dict(besides or {})
+        """Write ``result.json``, with ``extras``, atomically into a folder, made if it is not there."""
+        found = self.to_dict() | {"model": model_name or None} | dict(extras or {})
         return write_result(out, found, seed=seed, command=command)
 
 
@@ -134,7 +134,7 @@ def lines(d: RobotDiagnosis) -> Iterator[str]:
         yield from text_table(("where", "cause", "value", "95 % interval"), rows, left=2)
     for c in d.causes:
         if c.alternatives:
-            yield f"{c.name} of {c.where}: this log does not tell it from {', '.join(c.alternatives)}"
+            yield f"{c.name} of {c.where}: this log does not distinguish it from {', '.join(c.alternatives)}"
     if d.causes:
         low, high = (100.0 * x for x in d.gain["ci95"])
         yield (

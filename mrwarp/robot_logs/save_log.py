@@ -33,7 +33,7 @@ def save_log(log: RobotLog, out: Path, kind: Kind = "csv") -> list[str]:
 
 
 def header_of(log: RobotLog) -> dict[str, Any]:
-    """What ``log.json`` says; keys that nobody knows stay."""
+    """Content of ``log.json``; keys that nobody knows stay."""
     gains = {
         name: {j: float(f"{v:.6g}") for j, v in zip(log.joints, values, strict=True)}
         for name, values in (("kp", log.kp), ("kd", log.kd))

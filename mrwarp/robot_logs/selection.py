@@ -32,15 +32,15 @@ LEAST_SHARE = 0.03
 
 
 PARTS = 8
-"""Parts of a log, one after the other: each counts as one reading in an interval, as neighbouring windows err alike,
-and is predicted from the others."""
+"""Parts of a log, one after the other: each counts as one reading in an interval, as neighbouring windows have similar
+errors, and is predicted from the others."""
 
 WALKING = 2.0
 """Factor on intervals of a robot on its feet: on a healthy walk of the virtual robot numbers lie this many of their
-standard deviations from what is true in root mean square, for the replay errs alike in every step."""
+standard deviations from what is true in root mean square, for the replay repeats its error in every step."""
 
 MOST = 8
-"""Most causes beside :data:`mrwarp.robot_logs.causes.ORDINARY` that one log tells apart."""
+"""Most causes in addition to :data:`mrwarp.robot_logs.causes.ORDINARY` that one log distinguishes."""
 
 
 SHARED = (
@@ -86,7 +86,7 @@ class Posterior:
     robust: np.ndarray
     """Variance by the spread of the scores over windows, shape (P,)."""
     by_part: np.ndarray
-    """Likewise over :data:`PARTS`, shape (P,)."""
+    """Standard deviation over :data:`PARTS`, shape (P,)."""
 
 
 def directions_of(parameters: Sequence[Parameter]) -> list[Direction]:
@@ -102,7 +102,7 @@ def directions_of(parameters: Sequence[Parameter]) -> list[Direction]:
 
 
 def payload_of(parameters: Sequence[Parameter]) -> list[Direction]:
-    """What a weight on the trunk changes: its mass, and its centre forwards and sideways; empty for a fixed base.
+    """Numbers that a weight on the trunk changes: mass, and its centre forwards and sideways; empty for a fixed base.
 
     Where the weight sits near a hip, one number nearly says the same: a heavier hip.
     """
@@ -116,12 +116,12 @@ def healthy(parameters: Sequence[Parameter]) -> np.ndarray:
 
 
 def wider_than(d: Direction, released: Sequence[Direction]) -> list[Direction]:
-    """Causes that a direction's numbers have a part in beside their own: Kp of all joints beside that of one."""
+    """Causes that a direction's numbers have a part in, in addition to their own: Kp of all joints for that of one."""
     return [x for x in released if set(d.members) < set(x.members)]
 
 
 def common(d: Direction, released: Sequence[Direction], x: np.ndarray) -> float:
-    """What a direction's number has in common with those of all joints, where that is a cause, too; else 0."""
+    """Shared part of a direction's number and those of all joints, where that is a cause, too; else 0."""
     wide = [k for y in wider_than(d, released) for k in own_members(y, released)]
     return float(np.mean(x[wide])) if wide else 0.0
 
@@ -160,7 +160,7 @@ def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bounds_without(parameters: Sequence[Parameter], causes: Sequence[Direction]) -> tuple[np.ndarray, np.ndarray]:
-    """The same where ``causes`` are within what is no fault."""
+    """Posterior with ``causes`` held to the range of healthy robots."""
     low, high = bounds_of(parameters)
     for k in (k for d in causes for k in d.members):
         low[k], high[k] = parameters[k].usual
@@ -189,7 +189,7 @@ def _fault(direction: Direction, parameters: Sequence[Parameter]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """What a fault along each of D directions would explain."""
+    """Explained mismatch by a fault along each of D directions."""
 
     z: np.ndarray
     """Standard score."""
@@ -200,7 +200,7 @@ class Scores:
 
 
 def scores(now: Posterior, directions: Sequence[Direction], parameters: Sequence[Parameter]) -> Scores:
-    """Scores of all directions beside what is released already."""
+    """Scores of all directions in addition to the free ones."""
     d = np.stack([vector(x, parameters) for x in directions], axis=1)
     qd = now.precision @ d
     score = qd.T @ now.mean
@@ -215,8 +215,8 @@ def scores(now: Posterior, directions: Sequence[Direction], parameters: Sequence
 def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Sequence[Direction] = ()) -> list[Found]:
     """Causes that stand out, the clearest first; then :data:`ORDINARY` ones that the description has wrong.
 
-    What does not recur over windows is taken out again, the least certain first. ``confirmed`` are causes beside which
-    a fit by the replay needed no other of the same drive.
+    Causes that do not recur over windows are taken out again, the least certain first. ``confirmed`` are causes with
+    which a fit by the replay needed no other of the same drive.
     """
     found = _simplest_drive(_forward(evidence, parameters), evidence, parameters, confirmed)
     while found:
@@ -235,7 +235,7 @@ def _simplest_drive(
 ) -> list[Found]:
     """One cause of a drive in place of two that say as much: Kp alone is also a stronger motor with a lower Kd.
 
-    Where the replay has told which of a drive's causes it is, that one stands: derivatives trade one for another.
+    Where the replay has shown which of a drive's causes it is, that one stands: derivatives trade one for another.
     """
     for place in dict.fromkeys(f.direction.where for f in found if f.direction.cause in DRIVE):
         pair = [f for f in found if f.direction.cause in DRIVE and f.direction.where == place]
@@ -386,7 +386,8 @@ def _possible(size: np.ndarray, directions: Sequence[Direction], parameters: Seq
 
 
 DRIVE = ("kp", "kd", "motor_strength")
-"""A drive's torque is a line in Kp and Kd: a factor on all of it is both, so no more than two of the three are told."""
+"""A drive's torque is a line in Kp and Kd: a factor on all of it is both, so no more than two of the three are
+named."""
 
 
 def _spanned(direction: Direction, released: Sequence[Direction]) -> bool:

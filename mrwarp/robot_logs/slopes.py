@@ -34,8 +34,8 @@ soft soles feet that stick creep, and how fast none agree on. The virtual robot'
 it stands."""
 
 LEAN = 0.002
-"""Standard deviation of an inertial unit's roll and pitch, over a window, beside those of the session [rad]: its filter
-wanders, the virtual robot's by as much."""
+"""Standard deviation of an inertial unit's roll and pitch, over a window, in addition to those of the session [rad]:
+its filter wanders, the virtual robot's by as much."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Slopes:
     """By the window's start, per step of it, and by what wanders in a window of a free robot, shape (W, Z, N)."""
 
     def scale(self, sigma: dict[str, np.ndarray]) -> np.ndarray:
-        """What is left in each channel, one number a reading, shape (N,)."""
+        """Rest of each channel, one number a reading, shape (N,)."""
         return np.concatenate([np.tile(sigma[name], samples) for name, (samples, _) in self.layout.items()])
 
     def channels(self, x: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
@@ -184,7 +184,7 @@ class _Limbs:
 
 
 def _wandering(windows: Windows) -> np.ndarray:
-    """Readings that drift in a window beside all else, by :data:`CREEP` of each joint and :data:`LEAN`, (Z, W, N)."""
+    """Readings that also drift in a window, by :data:`CREEP` of each joint and :data:`LEAN`, (Z, W, N)."""
     layout = {name: x.shape for name, x in mismatch(windows.measured, windows.measured).items()}
     wander: list[tuple[int, dict]] = [(j, {"q": CREEP * windows.t, "qd": CREEP}) for j in range(windows.q.shape[1])]
     wander += [(k, {"quat": LEAN}) for k in range(2) if "quat" in layout]

@@ -1,6 +1,6 @@
-"""What acts on the robot that no cause explains: the force that each window asks for beside the model, where and when.
+"""Forces on the robot that no cause explains: the force that each window needs on top of the model, where and when.
 
-Every window is replayed with a constant force on the trunk and a constant torque in each joint, beside the unknown
+Every window is replayed with a constant force on the trunk and a constant torque in each joint, next to the unknown
 start. What a found cause explains acts already.
 """
 
@@ -29,7 +29,7 @@ USUAL = 0.1
 """Standard deviation of forces, as shares of the same: joints that stick hardly show one, however large."""
 
 LEAST_SHARE = 0.3
-"""Least part of a window's mismatch that a force explains where it is told."""
+"""Least part of a window's mismatch that a force explains where it is reported."""
 
 MOST_TIMES = 6
 """Most times of pieces that a sentence lists."""
@@ -52,11 +52,11 @@ class Outside(Unexplained):
 
 @dataclass(frozen=True, kw_only=True)
 class Pushes:
-    """Constant forces beside the model in each of W windows, at D places: the trunk, and each joint."""
+    """Constant forces in addition to the model in each of W windows, at D places: the trunk, and each joint."""
 
     where: tuple[str, ...]
     size: tuple[np.ndarray, ...]
-    """Likeliest force of each place beside that of the median window, which a weight or an offset gives as well: of the
+    """Likeliest force of each place minus that of the median window, which a weight or an offset gives as well: of the
     trunk x, y, z [N] in the world's axes, of a joint its torque [N·m]; shapes (3, W) and (1, W)."""
     share: np.ndarray
     """Part of each window's mismatch that a place's force explains, shape (D, W)."""
@@ -107,8 +107,8 @@ def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside 
     order = np.lexsort((start, run))
     best, most = None, 0.0
     for k, place in enumerate(found.where):
-        told = _in_a_row(found.share[k][order] >= LEAST_SHARE, run[order])
-        windows = [order[list(part)] for part in told]
+        rows = _in_a_row(found.share[k][order] >= LEAST_SHARE, run[order])
+        windows = [order[list(part)] for part in rows]
         if (share := sum(float(found.share[k][part].sum()) for part in windows)) > most:
             best, most = (k, place, windows), share
     if best is None:
@@ -133,7 +133,7 @@ def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside 
 
 
 def steady(direction: Direction, value: float, share: float, log: RobotLog, parameters: list[Parameter]) -> Outside:
-    """What acts all the time that no cause of the catalogue is, see :data:`mrwarp.robot_logs.causes.OUTSIDE`.
+    """Effects outside the catalogue that act all the time, see :data:`mrwarp.robot_logs.causes.OUTSIDE`.
 
     Args:
         direction: What was found.

@@ -1,4 +1,4 @@
-"""What a log cannot tell, and the motion that would."""
+"""Causes that a log cannot show, and the motion that would."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ GROUND = (
 COIL = ("coil", "coil_lag", "device")
 """Fields that do nothing while no current is asked for: a lag that lets measured noise die away would seem to."""
 
-ALIKE = f"up to some {200 * TORQUE_SCALE:.0f} % it would have looked like other masses of all links"
-"""Why a robot in the air does not tell the torque of all its drives."""
+LIKE_MASSES = f"up to some {200 * TORQUE_SCALE:.0f} % it would have looked like other masses of all links"
+"""Why a robot in the air does not show the torque of all its drives."""
 
 
 class Shown(NamedTuple):
@@ -35,7 +35,7 @@ class Shown(NamedTuple):
     how: str
     """In words."""
     record: dict[str, float]
-    """The same by ``mrwarp log record``: its motions and how long each lasts [s]."""
+    """The motion for ``mrwarp log record``: its motions and how long each lasts [s]."""
 
     @property
     def seconds(self) -> float:
@@ -87,7 +87,7 @@ ARM_MOTIONS = MOTIONS | {
     "coil_lag": Shown("sweep the joint with changing currents of the devices, and log them", {"chirp": 15.0}),
     "device_strength": Shown("turn the joint at several speeds with the devices switched on", {"chirp": 15.0}),
 }
-"""The same of a robot that cannot walk, as an arm on a table."""
+"""Motions of a robot that cannot walk, as an arm on a table."""
 
 OF_A_BASE = ("trunk_mass", "trunk_com", "link_length")
 """Those of :data:`GROUND` that such a robot has, too: it has no feet, and no inertial sensor moves with it."""
@@ -109,7 +109,7 @@ def friction_that_holds(
 ) -> float | None:  # fmt: skip
     """Friction of the ground beyond which any would have made the same log [1]; None where a foot slipped.
 
-    How well feet hold is told where they slip. Of others the replay excludes what is so low that they would.
+    How well feet hold is known where they slip. Of others the replay excludes what is so low that they would.
 
     Args:
         evidence: About ``theta``.
@@ -176,7 +176,7 @@ def cannot_know(
         else:
             found += [f"{cause}: no motion shows it while the robot's base is fixed" for cause in OF_A_BASE]
         if "tau" not in evidence.sigma and not any(d.cause == "motor_strength" and d.where == "robot" for d in shown):
-            found.append(f"motor_strength of robot: {ALIKE}; {motions['motor_strength'].what}")
+            found.append(f"motor_strength of robot: {LIKE_MASSES}; {motions['motor_strength'].what}")
     for cause, places in unseen.items():
         where = "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
         found.append(f"{cause}{where}: no size would have shown in this log; {motions[cause].what}")
@@ -209,7 +209,7 @@ def motions_of(model: ReplayModel) -> Mapping[str, Shown]:
 def next_experiment(
     causes: Sequence[NamedCause], unknown: Sequence[str], motions: Mapping[str, Shown] = MOTIONS
 ) -> NextExperiment | None:
-    """The motion that tells the first cause from its alternatives, or shows the first of what cannot be known.
+    """The motion that separates the first cause from its alternatives, or shows the first of what cannot be known.
 
     ``unknown`` are sentences of :func:`cannot_know`, ``motions`` those of the robot, see :func:`motions_of`.
     """

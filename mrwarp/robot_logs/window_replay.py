@@ -123,7 +123,7 @@ class Replay:
         self, changes: Hypotheses, window: np.ndarray, start: np.ndarray,
         made: Callable[[dict[str, np.ndarray], np.ndarray], T],
     ) -> list[T]:  # fmt: skip
-        """What is made of the readings and windows of each chunk, in its thread."""
+        """Function of the readings and windows of each chunk, in its thread."""
         many = len(window) > FEW_PER_CORE * core_count()
         steppers, most = (self._many, self.at_once) if many else (self._few, CHUNK)
         workers = len(steppers)
@@ -199,7 +199,7 @@ class _Stepper:
             outer[:count, root : root + 2] += field("pull", 2)
         lag, coil_lag = np.maximum(field("lag"), 0.0), m.devices.of_joints("coil_time_constant", joints)
         engine.window[:count] = w
-        # commands reach no further than those that were cut out beside the window
+        # commands reach no further than those that were cut out around the window
         engine.delay[:count] = np.clip(field("delay", 1)[:, 0] / windows.h, 1.0 - windows.before, windows.before - 1.0)
         engine.latency[:count] = latency[:, 0]
         for name, values in {
@@ -255,7 +255,7 @@ class _Stepper:
             quat[: len(ids), body] = np.roll((lean * own).as_quat(), 1, axis=-1)
 
     def _ground(self, mu: np.ndarray, give: np.ndarray, foot: np.ndarray, ids: np.ndarray) -> None:
-        """Friction of every contact, and how much it gives; beside that, how much each foot does."""
+        """Friction of every contact, and how much it gives; also how much each foot gives."""
         friction = self.engine.of_model("geom_friction")
         friction[: len(ids)] = self.mj.geom_friction
         friction[: len(ids), :, 0] *= np.maximum(1.0 + mu, 0.02)
@@ -295,12 +295,14 @@ class _Stepper:
         self.engine.state("qacc_warmstart")[ids] = 0.0
 
     def _stand(self, pos: np.ndarray, vel: np.ndarray, w: np.ndarray, field: Callable[..., np.ndarray]) -> None:
-        """Move trunks of robots that stand otherwise than the described one: how high and fast it is, its feet tell."""
+        """Move trunks of robots that stand otherwise than described: height and speed follow from their feet."""
         m, windows = self.model, self.windows
         length = field("length", self.mj.nbody)
-        told = np.concatenate([length, field("offset"), field("slope", 2), field("tilt", 2), field("bias", 3)], axis=1)
-        for e in np.flatnonzero(told.any(axis=1)):
-            known = int(w[e]), told[e].tobytes()
+        changes = np.concatenate(
+            [length, field("offset"), field("slope", 2), field("tilt", 2), field("bias", 3)], axis=1
+        )
+        for e in np.flatnonzero(changes.any(axis=1)):
+            known = int(w[e]), changes[e].tobytes()
             if known not in self._moved:
                 self._moved[known] = self._other_stance(pos[e], vel[e], known[0], length[e])
             height, speed = self._moved[known]
@@ -348,7 +350,7 @@ class _Stepper:
         """Positions ``seconds`` on at the same speeds; shapes (..., nq), (..., nv).
 
         The engine's semi-implicit Euler steps are leapfrog ones, of second order, where positions are those half a step
-        after the velocities beside them: read as of the same instant, the robot would answer half a step early.
+        after the velocities: read as of the same instant, the robot would answer half a step early.
         """
         m, found = self.model, pos.copy()
         found[..., m.q_adr] += seconds * vel[..., m.v_adr]
@@ -403,10 +405,10 @@ class _Stepper:
             return np.zeros((len(w), windows.t.shape[1], len(m.joints)))
         alive = np.maximum(1.0 + field("coil")[:, at], 0.0)
         lag = np.maximum(m.devices.values["coil_time_constant"] + field("coil_lag")[:, at], 0.0)
-        told = np.concatenate([w[:, None], alive, lag, field("delay", 1), field("clock", 2)[:, :1]], axis=1)
+        changes = np.concatenate([w[:, None], alive, lag, field("delay", 1), field("clock", 2)[:, :1]], axis=1)
         found = np.zeros((len(w), windows.t.shape[1], len(m.joints)))
         for e in range(len(w)):
-            if (known := told[e].tobytes()) not in self._coils:
+            if (known := changes[e].tobytes()) not in self._coils:
                 rows, begins, late = windows.coil_rows[w[e]][:, at], windows.coil_t[w[e]], field("delay", 1)[e, 0]
                 t = windows.t[w[e]] - field("clock", 2)[e, 0]
                 self._coils[known] = _coil_current(

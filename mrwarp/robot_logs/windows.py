@@ -26,7 +26,7 @@ QUIET_SHARE = 0.3
 speed at its start is an average over some samples, and wrong while a foot lands."""
 
 SPEED_STEPS = 0.05, 0.03
-"""What is not known of the speed of joints [rad/s] and trunk [m/s] at a window's start."""
+"""Uncertainty of the speed of joints [rad/s] and trunk [m/s] at a window's start."""
 
 LOADED = 0.25
 """A foot bears load where its reading is beyond this share of its range."""
@@ -61,7 +61,7 @@ class Windows:
     t: np.ndarray
     """Time of each sample since the window's start [s], shape (W, S)."""
     feed: np.ndarray
-    """Torque that commands ask for apart from ``-kp*q - kd*qd`` [N·m]: ``kp*q_des``, ``kd*qd_des``, ``tau_ff``; shape
+    """Torque that commands ask for without ``-kp*q - kd*qd`` [N·m]: ``kp*q_des``, ``kd*qd_des``, ``tau_ff``; shape
     (3, W, K + 2*M, J), M steps lie before the window and as many after it."""
     before: int
     """M: steps of commands before and after the window, for delays and late stamps."""
@@ -96,7 +96,7 @@ class Windows:
         return len(self.start)
 
     def coarse(self, times: int) -> Windows:
-        """The same with steps ``times`` as long."""
+        """Windows with steps ``times`` as long."""
         skip = self.before % times  # the window's start stays on the grid
         ends = skip + np.arange(0, self.kp.shape[1] - skip, times)
 
@@ -251,7 +251,7 @@ def held_rows(x: np.ndarray, t: np.ndarray, grid: np.ndarray, h: float) -> np.nd
 
 
 def _commands(log: RobotLog, run: LogRun) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parts of the torque asked for apart from the feedback, shape (3, N, J), and both gains, (N, J), along a run."""
+    """Parts of the commanded torque without the feedback, shape (3, N, J), and both gains, (N, J), along a run."""
     joint, shape = run.joint, run.joint["q"].shape
     kp = np.broadcast_to(np.where(np.isfinite(log.kp), log.kp, 0.0), shape)
     kd = np.broadcast_to(np.where(np.isfinite(log.kd), log.kd, 0.0), shape)
@@ -329,7 +329,7 @@ def _attitude(run: LogRun) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _by_feet(model: ReplayModel, run: LogRun, speed: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
-    """What feet that bear load say of the trunk along a run, see :meth:`Stance.by_feet`; joints' speed (N, J)."""
+    """Motion of the trunk by feet that bear load along a run, see :meth:`Stance.by_feet`; joints' speed (N, J)."""
     mj, stance, loaded, (quat, gyro) = model.model, Stance(model, model.model), _loaded(model, run), _attitude(run)
     qpos, qvel = mj.qpos0.copy(), np.zeros(mj.nv)
     for k in range(run.samples):
@@ -339,7 +339,7 @@ def _by_feet(model: ReplayModel, run: LogRun, speed: np.ndarray) -> Iterator[tup
 
 
 def foot_slipped(model: ReplayModel, log: RobotLog) -> bool:
-    """Whether a foot that bore load moved on the ground: at more than :data:`SLIPS`, beside the mean of those feet."""
+    """Whether a foot that bore load moved on the ground: by more than :data:`SLIPS` from the mean of those feet."""
     return any(
         float(np.abs(steady - steady.mean(axis=0))[:, :2].max()) > SLIPS
         for run in log.runs

@@ -1,4 +1,4 @@
-"""``mrwarp reproduce``: the paper's tables and figures, ours beside theirs; with ``fig4 --train`` its models anew."""
+"""``mrwarp reproduce``: the paper's tables and figures, compared with ours; ``fig4 --train`` trains its models."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Policies = Annotated[tuple[Path, ...] | None, opt.some(Path, "P")]
 @dataclass(frozen=True, kw_only=True)
 class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
     __doc__ = (
-        "Tables and figures of the paper with our row beside each, as report.html and report.md.\n\n"
+        "Tables and figures of the paper with our row next to each, as report.html and report.md.\n\n"
         + "\n".join(f"- {name}: {title}" for name, title in TITLES.items())
         + "\n\nOnly what changed since the last run into the same folder is made again. 'mrwarp reproduce fig4 "
         "--train' trains its models again and has options of its own."
@@ -197,7 +197,7 @@ class FillPages(Options):
 
             print(f"frozen in {predictions.write(Results(pages.read()['parts']))}")
         differing = pages.fill(check=self.only_check)
-        told = "differs; run mrwarp reproduce docs" if self.only_check else "filled"
+        state = "differs; run mrwarp reproduce docs" if self.only_check else "filled"
         for path in differing:
-            print(f"{path.relative_to(pages.ROOT)}: {told}")
+            print(f"{path.relative_to(pages.ROOT)}: {state}")
         return 1 if self.only_check and differing else 0

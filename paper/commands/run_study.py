@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from paper.study.rollouts import EvaluationCfg
 
 Table = tuple[list[str], dict[str, Any], bool]
-"""What is printed, the figures, and whether every target is met."""
+"""Printed text, figures, and whether every target is met."""
 
 Terrain = Annotated[str, opt.one_of(TERRAINS)]
 Model = Annotated[str, opt.one_of(MODELS)]
@@ -29,7 +29,7 @@ Model = Annotated[str, opt.one_of(MODELS)]
 
 @dataclass(frozen=True, kw_only=True)
 class Trained(Learning):
-    """What all trainings of a study share."""
+    """Options shared by all trainings of a study."""
 
     plants: Annotated[tuple[str, ...], opt.some_of(TRAINABLE)] = PLANTS
     """what to train on; go1, mr_go, mr_go_sal* pay for power and carry loads"""
@@ -51,7 +51,7 @@ class Trained(Learning):
     """training seeds"""
 
     def study_cfg(self, start_from: Path | None = None) -> StudyCfg:
-        """What all trainings share."""
+        """Settings shared by all trainings."""
         from paper.study.plan import StudyCfg
 
         same = self.chosen(
@@ -135,7 +135,7 @@ class Figure5(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation(Options):
-    """What the evaluations share."""
+    """Options shared by the evaluations."""
 
     same: ClassVar[tuple[str, ...]] = ()
     """Further options that the evaluation's configuration calls the same."""

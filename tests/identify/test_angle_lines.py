@@ -1,4 +1,4 @@
-"""Lines over the angle are found beside each other, however the joint turns."""
+"""Lines over the angle are found next to each other, however the joint turns."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What repeats is foretold on trajectories that took no part; what differs from run to run is not."""
+"""A part that repeats is predicted on held-out trajectories; a part that differs from run to run is not."""
 
 import threading
 from dataclasses import replace
@@ -8,9 +8,9 @@ import pytest
 
 from mrwarp.identify.boosting import (
     chosen_samples,
+    cross_predicted,
     end_processes,
     features,
-    foretold,
     spread_where_it_repeats,
     white_floor,
 )
@@ -18,25 +18,25 @@ from tests.diagnose import known
 
 
 def test_a_law_of_the_motion_is_foretold_and_noise_is_not() -> None:
-    """A torque that follows velocity and past angle is known to some per cent; white noise is not foretold at all."""
+    """A torque that follows velocity and past angle is known to some per cent; white noise is not predicted at all."""
     motion = known.motion(3, runs=6, seconds=3.0)
     lag = round(0.08 / known.DT)
     law = np.tanh(motion.qd) + 0.5 * np.concatenate([motion.q[:lag], motion.q[:-lag]])
     noise = np.random.default_rng(0).normal(size=len(law))
     at = chosen_samples(motion, np.ones(len(law)), limit=800)
     assert 500 <= len(at) <= 800
-    known_law, known_noise = (foretold(motion, at, target) for target in (law, noise))
+    known_law, known_noise = (cross_predicted(motion, at, target) for target in (law, noise))
     assert np.mean((known_law - law[at]) ** 2) < 0.1 * law.var()
-    np.testing.assert_array_equal(foretold(motion, at, law, threads=2), known_law)
+    np.testing.assert_array_equal(cross_predicted(motion, at, law, threads=2), known_law)
     end_processes()
     assert not [thread for thread in threading.enumerate() if "Executor" in thread.name]
-    smooth = foretold(motion, at, law, smooth=np.stack([motion.qd, motion.q]))
+    smooth = cross_predicted(motion, at, law, smooth=np.stack([motion.qd, motion.q]))
     assert np.mean((smooth - law[at]) ** 2) < 0.1 * law.var()
     assert np.mean((known_noise - noise[at]) ** 2) > 0.95 * noise.var()
 
 
 def test_samples_that_do_not_count_are_left_out() -> None:
-    """Neither learned from nor foretold."""
+    """Neither learned from nor predicted."""
     motion = known.motion(3, runs=3, seconds=2.0)
     weight = np.ones(len(motion.q))
     weight[: motion.start[1]] = 0.0
@@ -45,7 +45,7 @@ def test_samples_that_do_not_count_are_left_out() -> None:
 
 @pytest.mark.parametrize("kept", ["q", "qd"])
 def test_features_look_no_further_back_than_the_trajectory(kept: str) -> None:
-    """What another trajectory did says nothing: a change in the first leaves what is foretold from the others."""
+    """Another trajectory's motion says nothing: a change in the first leaves the prediction from the others."""
     motion = known.motion(3, runs=3, seconds=2.0)
     at = np.arange(motion.start[1], motion.start[3], 7)
     changed = getattr(motion, kept).copy()

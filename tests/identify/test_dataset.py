@@ -23,8 +23,8 @@ def run(begin: float, torque: float = 2.0, seconds: float = 2.0, dt: float = 0.0
 
 def test_session_clock_is_the_recorded_time() -> None:
     """Runs whose times follow each other keep their pauses, in any order; runs that overlap share no clock."""
-    apart = Recording(trajectories=(run(50.0), run(10.0), run(20.0)))
-    np.testing.assert_array_equal(session_clock(apart), [40.0, 0.0, 10.0])
+    in_turn = Recording(trajectories=(run(50.0), run(10.0), run(20.0)))
+    np.testing.assert_array_equal(session_clock(in_turn), [40.0, 0.0, 10.0])
     epoch = 1.79e9
     stamped = Recording(trajectories=(run(epoch + 2.0), run(epoch)))
     np.testing.assert_array_equal(session_clock(stamped), [2.0, 0.0])
@@ -34,14 +34,14 @@ def test_session_clock_is_the_recorded_time() -> None:
 
 
 def test_runs_without_a_common_clock_each_begin_at_zero() -> None:
-    """Time, the path slid and the heat are those of the run itself, whatever stands before it in the folder."""
-    alike = Motion.of(Recording(trajectories=(run(0.0), run(0.0), run(0.0))), Scales())
+    """Time, the path slid and the heat are those of the run itself, regardless of the runs before it in the folder."""
+    repeated = Motion.of(Recording(trajectories=(run(0.0), run(0.0), run(0.0))), Scales())
     alone = Motion.of(Recording(trajectories=(run(0.0),)), Scales())
-    for part in alike.parts:
-        np.testing.assert_array_equal(alike.time[part], alone.time)
-        np.testing.assert_allclose(alike.slid_time[part], alone.slid_time, rtol=1e-12)
-        np.testing.assert_array_equal(alike.heat[:, part], alone.heat)
-    assert alike.ranges.session == alone.ranges.session
+    for part in repeated.parts:
+        np.testing.assert_array_equal(repeated.time[part], alone.time)
+        np.testing.assert_allclose(repeated.slid_time[part], alone.slid_time, rtol=1e-12)
+        np.testing.assert_array_equal(repeated.heat[:, part], alone.heat)
+    assert repeated.ranges.session == alone.ranges.session
 
 
 @pytest.mark.parametrize("resistance", [0.0, 4.0])

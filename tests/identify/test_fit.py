@@ -36,7 +36,7 @@ def coverage(seeds: range) -> tuple[dict[str, int], int]:
 def test_noise_free_fit_recovers_the_paper() -> None:
     """Without noise every coefficient comes back to 1e-3 of itself: 200 Hz sampling of a 2 kHz truth is what is left.
 
-    I1 is 1e-4 of the torque and K0 4 % of the gain: they are counted against what is beside them.
+    I1 is 1e-4 of the torque and K0 4 % of the gain: they are counted against the larger terms.
     """
     result = fit(synthetic.bench_like(0, runs=8, noise=0.0))
     for name in set(PARAMETERS) - {"I1", "K0"}:
@@ -56,14 +56,14 @@ def test_three_seeds_are_covered() -> None:
 
 @pytest.mark.slow
 def test_hundred_seeds_are_covered() -> None:
-    """Every truth lies in its 95 % interval in at least 90 of 100 seeds, and all nine in their joint ones likewise."""
+    """Every truth lies in its 95 % interval in at least 90 of 100 seeds, and all nine in their joint ones as often."""
     inside, joint = coverage(range(100))
     assert min(inside.values()) >= 90, inside
     assert joint >= 90
 
 
 def test_intervals_are_not_merely_wide() -> None:
-    """The same noise on four times the trajectories halves the intervals, and they are below 5 % for beta and K1."""
+    """Equal noise on four times the trajectories halves the intervals, and they are below 5 % for beta and K1."""
     few, many = fit(synthetic.bench_like(5, runs=12)), fit(synthetic.bench_like(5, runs=48, seconds=4.0))
     ratio = np.median([many.estimates[name].half / few.estimates[name].half for name in PARAMETERS])
     assert 0.25 < ratio < 0.8  # 0.5 expected; the intervals themselves scatter by a quarter with 12 runs
@@ -72,7 +72,7 @@ def test_intervals_are_not_merely_wide() -> None:
 
 
 def test_fit_is_free_of_scale() -> None:
-    """The same device as a 2 kN linear damper: every parameter is the converted one, to float32's accuracy."""
+    """The device as a 2 kN linear damper: every parameter is the converted one, to float32's accuracy."""
     joint = synthetic.bench_like(6, runs=8)
     other = synthetic.scaled(joint, 0.02, 0.7, 800.0, {"q": "m", "current": "A", "torque": "N"})
     factor = Scales(q=0.02, current=0.7, torque=800.0).factor
@@ -90,7 +90,7 @@ def test_same_seed_same_bits() -> None:
 
 
 def test_result_is_the_simulation_of_its_parameters() -> None:
-    """What is reported is what the parameters give when they are simulated anew, to float32 rounding."""
+    """Reported torques are those of a new simulation of the parameters, to float32 rounding."""
     recording = synthetic.bench_like(8, runs=8, seconds=2.0)
     result = fit(recording)
     for x, y in zip(result.simulated, simulate(result.values, recording), strict=True):
@@ -110,7 +110,7 @@ def test_one_current_is_said_not_to_tell_k0_from_k1() -> None:
     assert sums[0].ci95 is not None
     assert sums[0].value == pytest.approx(TRUTH["K0"] + TRUTH["K1"], rel=5e-3)
     assert any("current is 1 throughout" in text for text in result.warnings)
-    assert any("cannot be told apart" in text and "K0" in text for text in result.warnings)
+    assert any("cannot be distinguished" in text and "K0" in text for text in result.warnings)
 
 
 def test_no_current_at_all_is_fitted() -> None:
@@ -133,7 +133,7 @@ def test_few_trajectories_are_judged_in_blocks() -> None:
 
 
 def test_robust_fit_ignores_outliers() -> None:
-    """One sample in a hundred off by 20 N·m: told without robust, and with it the truth is within two intervals."""
+    """One sample in a hundred off by 20 N·m: reported without robust, and with it the truth is within two intervals."""
     rng = np.random.default_rng(1)
     runs = []
     for r in synthetic.bench_like(11).trajectories:

@@ -1,4 +1,4 @@
-"""A fit reaches its optimum whatever the sizes are: micrometres or radians, millinewtons or kilonewtons."""
+"""A fit reaches its optimum at any sizes: micrometres or radians, millinewtons or kilonewtons."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _scaled(recording: Recording, q: float, current: float, torque: float) -> Re
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_fit_scales_with_its_data(seed: int) -> None:
-    """The same device in other units of motion, current and torque: the same error, parameters in proportion."""
+    """A device in other units of motion, current and torque: equal error, parameters in proportion."""
     rng = np.random.default_rng(seed)
     factors = {"q": 10 ** rng.uniform(-6, 1), "current": 10 ** rng.uniform(-3, 3), "torque": 10 ** rng.uniform(-4, 3)}
     recording = synthetic.bench_like(0, runs=4, seconds=2.0)

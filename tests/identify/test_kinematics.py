@@ -43,7 +43,7 @@ def swing(seed: int, t: np.ndarray, lag: float = 0.0) -> tuple[np.ndarray, np.nd
 def logged(
     seed: int, *, lag: float = 0.0, runs: int = 6, seconds: float = 4.0, dt: float = 0.005
 ) -> tuple[Recording, np.ndarray, np.ndarray]:
-    """Runs with encoder steps, a noisy and perhaps late velocity channel; true velocity and acceleration beside it."""
+    """Runs with encoder steps, a noisy and perhaps late velocity channel; with true velocity and acceleration."""
     rng = np.random.default_rng([seed, 1])
     t = np.arange(round(seconds / dt)) * dt
     found, speeds, slopes = [], [], []
@@ -100,7 +100,7 @@ def test_both_channels_together_beat_the_velocity_channel() -> None:
 
 
 def test_velocity_is_derived_where_there_is_none() -> None:
-    """Without a velocity channel the angle gives it; no lag can be told."""
+    """Without a velocity channel the angle gives it; no lag can be found."""
     recording, qd, qdd = logged(7)
     runs = tuple(
         replace(run, qd=differentiate(run.q, run.dt), qd_derived=True) for run in recording.trajectories

@@ -53,14 +53,14 @@ def test_slow_motion_does_not_rest() -> None:
 def test_the_edges_of_a_rest_are_doubtful() -> None:
     """30 ms at each end; none where the trajectory ends."""
     _, run = stops(1)
-    velocity, doubtful = known_velocity(run, Q_NOISE, V_NOISE)
-    edges = np.flatnonzero(np.diff(doubtful, prepend=False, append=False)).reshape(-1, 2) * 0.005
+    velocity, uncertain = known_velocity(run, Q_NOISE, V_NOISE)
+    edges = np.flatnonzero(np.diff(uncertain, prepend=False, append=False)).reshape(-1, 2) * 0.005
     np.testing.assert_allclose(edges, [(2.0, 2.03), (3.47, 3.5), (6.0, 6.03)], atol=0.03)
-    assert not np.any(doubtful & np.isfinite(velocity))
+    assert not np.any(uncertain & np.isfinite(velocity))
 
 
 def test_a_resting_joint_goes_no_way() -> None:
-    """Noise of the channels makes no motion in a rest, and the motion beside it is as good as before."""
+    """Noise of the channels makes no motion in a rest, and the motion around it is as good as before."""
     qd, run = stops(2)
     found = reconstruct(Recording(trajectories=(run,)))
     rest = np.any([(run.t - 20.0 > a + 0.05) & (run.t - 20.0 < b - 0.05) for a, b in RESTS], axis=0)
@@ -81,7 +81,7 @@ def test_a_joint_that_stops_at_once_does_not_turn_round() -> None:
 
 
 def test_a_creeping_joint_creeps_on() -> None:
-    """What looks like a rest for a moment but moves on keeps its mean velocity."""
+    """A part that looks like a rest for a moment but moves on keeps its mean velocity."""
     _, run = stops(3)
     noise = np.random.default_rng(5).normal(size=(2, len(run.t)))
     creep = dataclasses.replace(run, q=2e-4 * run.t + 1e-4 * noise[0], qd=2e-4 + V_NOISE * noise[1])
@@ -107,7 +107,7 @@ def test_rests_are_held_where_the_torque_agrees(dither: float, held: bool) -> No
 
 @pytest.mark.parametrize(("rises", "sticks"), [(True, True), (False, False)])
 def test_torque_that_grows_in_rests_is_of_a_drive(rises: bool, sticks: bool) -> None:
-    """What is held still by a bench can only relax; torque that grows is balanced by static friction."""
+    """A joint held still by a bench can only relax; torque that grows is balanced by static friction."""
     runs = []
     for seed in range(3):
         qd, run = stops(seed)

@@ -48,15 +48,15 @@ def kwok_damper(seed: int = 0, zeros: float = 0.0, runs: int = 10, lopsided: flo
 
 @pytest.mark.parametrize("zeros", [0.0, 60.0])
 def test_a_foreign_device_comes_back(zeros: float, tmp_path: Path) -> None:
-    """Kwok's numbers within 5 %, the error at the noise; a zero that moves is told and listed; the file is lossless."""
+    """Kwok's numbers within 5 %, the error at the noise; a zero that moves is listed; the file is lossless."""
     recording = kwok_damper(zeros=zeros)
     result = fit_law(recording, "kwok")
-    law, beside = result.effects[0], {name: e.values for name, e in ((e.name, e) for e in result.effects[1:])}
+    law, effects = result.effects[0], {name: e.values for name, e in ((e.name, e) for e in result.effects[1:])}
     for name in ("slope", "width"):
         assert law.values[name] == pytest.approx(TRUTH[name], rel=0.05)
     for name in ("K0", "K1"):
         assert result.values[name] == pytest.approx(TRUTH[name], rel=0.05)
-    assert beside["current_viscosity"]["B1"] == pytest.approx(TRUTH["B1"], rel=0.2)
+    assert effects["current_viscosity"]["B1"] == pytest.approx(TRUTH["B1"], rel=0.2)
     assert result.rmse < 5.0
     assert result.held_out is not None and result.held_out < 0.03
     assert bool(result.offsets) is bool(zeros) and (
@@ -76,8 +76,8 @@ def test_a_foreign_device_comes_back(zeros: float, tmp_path: Path) -> None:
 def test_a_lopsided_damper_has_no_moved_zeros() -> None:
     """A direction that is damped more moves the mean of each run, the faster the more; no sensor's zero has moved."""
     result = fit_law(kwok_damper(lopsided=600.0), "kwok")
-    beside = {e.name: e.values for e in result.effects}
-    assert not result.offsets and beside["friction_asymmetry"]["viscous"] == pytest.approx(600.0, rel=0.1)
+    effects = {e.name: e.values for e in result.effects}
+    assert not result.offsets and effects["friction_asymmetry"]["viscous"] == pytest.approx(600.0, rel=0.1)
     assert result.nrmse < 0.03
 
 

@@ -41,7 +41,7 @@ def make_recording(count: int, seed: int, *, current: float | None = None, dt: f
 
 
 def test_residual_target_of_a_perfect_model_is_learned_as_a_constant() -> None:
-    """What Bouc-Wen leaves is 0.3 N·m: after a few epochs PG-RLSTM misses unseen trajectories by far less."""
+    """Bouc-Wen leaves 0.3 N·m: after a few epochs PG-RLSTM misses unseen trajectories by far less."""
     learned = learn.learn(make_recording(10, seed=0), kind="pg_rlstm", cfg=QUICK)
     evaluation = make_recording(4, seed=1, current=1.2)
     physical = learn.summary(learn.errors(learn.bouc_wen_torque(evaluation, PAPER), evaluation))
@@ -54,7 +54,7 @@ def test_residual_target_of_a_perfect_model_is_learned_as_a_constant() -> None:
 
 
 def test_a_residual_on_a_law_and_an_effect(tmp_path: Path) -> None:
-    """What a model with Kwok's law leaves is learned on top of it; the file keeps the law's numbers."""
+    """The rest of a model with Kwok's law is learned on top of it; the file keeps the law's numbers."""
     law, silent = {"slope": 3.0, "width": 0.4}, make_recording(6, seed=11)
     values = {**PAPER, "alpha": 0.0, "beta": 1.0, "gamma": 0.0, "K0": 0.4, "K1": 0.5}
     del values["q_neutral"]
@@ -77,7 +77,7 @@ def test_a_residual_on_a_law_and_an_effect(tmp_path: Path) -> None:
 
 
 def test_errors_leave_out_the_same_samples_for_every_model() -> None:
-    """The first 49 samples do not count, whatever stands there; the sample standard deviation is used."""
+    """The first 49 samples do not count, with any content; the sample standard deviation is used."""
     recording = make_recording(2, seed=2, current=1.0)
     predicted = [run.torque + error for run, error in zip(recording.trajectories, (0.1, 0.3), strict=True)]
     for tau in predicted:

@@ -34,7 +34,7 @@ def test_healthy_devices_rarely_alarm_and_losses_are_noticed_the_sooner_the_larg
 
 
 def test_a_loss_of_yield_shows_in_full(tmp_path: Path) -> None:
-    """Recordings of the virtual bench: a fifth less yield is told as a fifth; the command says it and returns 1."""
+    """Recordings of the virtual bench: a fifth less yield is reported as a fifth; the command says it and returns 1."""
     rng = np.random.default_rng(5)
     days = [*calibrations(10, 0.0, rng), *calibrations(4, 0.2, rng)]
     health = monitor({f"d{k:02d}": recording for k, recording in enumerate(days)}, MonitorCfg(baseline=10, horizon=20))

@@ -105,7 +105,7 @@ def test_trends_are_no_spread() -> None:
 
 
 def test_noise_alone_gives_no_spread() -> None:
-    """What noise makes of offsets and factors is taken out: what is left is below their standard error."""
+    """Noise's part in offsets and factors is taken out: the rest is below their standard error."""
     runs, count, rng = 60, 400, np.random.default_rng(6)
     keep = np.exp(-DT / 0.05)
     noise = 0.02 * np.asarray(lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=runs * count)))

@@ -38,7 +38,7 @@ CHOSEN = (
     ("wear", "clock"),
     ("compliance_with_backlash", "own_middle"),
 )
-"""What says how the data were logged."""
+"""Parameters of the logging."""
 
 
 @pytest.mark.parametrize("effect", list(CATALOGUE))
@@ -91,7 +91,7 @@ def test_bent_model_has_its_effects_bends(motion: Motion) -> None:
 
 @pytest.mark.parametrize(("inertia", "carried"), [(True, True), (False, True), (True, False)])
 def test_inertia_behind_a_gear_needs_an_inertia_and_a_load(motion: Motion, inertia: bool, carried: bool) -> None:
-    """It is searched beside both only, and a known one acts without."""
+    """It is searched with both only, and a known one acts without."""
     effects = ("rotor_inertia", "load_friction") if inertia else ("load_friction",)
     key = ("load_friction", "inertia")
     bent = Parameters(effects, replace(motion.ranges, carried=carried), 0.0).bent()
@@ -235,7 +235,7 @@ def test_columns_of_an_inertia_and_a_wear_are_known(motion: Motion) -> None:
 
 @pytest.mark.parametrize("name", [name for name, law in KNOWN.items() if law.adds])
 def test_what_only_adds_does_so_without_the_hysteresis(motion: Motion, name: str) -> None:
-    """Beside a law it adds, by itself and in its derivatives, what it adds without it."""
+    """With a law it adds, by itself and in its derivatives, what it adds without it."""
     effects = ("spencer", "temperature_drift", "torque_sensor_lag", name)
     c = Parameters(tuple(known_name for known_name in KNOWN if known_name in effects), motion.ranges, 0.0)
     x = known.vector(c, {**STRONG, "spencer": {"rate": 20.0, "series": 5.0, "inner": 0.1, "spring": 0.5}})

@@ -73,14 +73,14 @@ def test_earthquakes_are_predicted_below_the_authors(extended: ExtendedFit, eart
 
 
 def test_published_records_passed_the_average(earthquake: Recording) -> None:
-    """Motion and force both have the zeros of a 300 ms average at 10/3 Hz: 20 times below the band beside them."""
+    """Motion and force both have the zeros of a 300 ms average at 10/3 Hz: 20 times below the band next to them."""
     for run in earthquake.trajectories:
         f = np.fft.rfftfreq(len(run.t), run.dt)
         for x in (run.q, run.torque):
             power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)))) ** 2
             zero = power[np.abs(f - 10 / 3) < 0.03].mean()
-            beside = power[np.abs(f - 4.2) < 0.2].mean()
-            assert zero < beside / 20
+            near = power[np.abs(f - 4.2) < 0.2].mean()
+            assert zero < near / 20
 
 
 @pytest.mark.slow

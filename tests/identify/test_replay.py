@@ -99,8 +99,8 @@ def test_scales_are_robust() -> None:
     run = recording.trajectories[0]
     torque, q = run.torque.copy(), run.q.copy()
     torque[100], q[50] = 1e6, -1e6
-    spoiled = dataclasses.replace(run, torque=torque, q=q)
-    other = Recording(trajectories=(spoiled, *recording.trajectories[1:]))
+    corrupted = dataclasses.replace(run, torque=torque, q=q)
+    other = Recording(trajectories=(corrupted, *recording.trajectories[1:]))
     a, b = Scales.of(recording), Scales.of(other)
     assert b.q == pytest.approx(a.q, rel=0.01)
     assert b.torque == pytest.approx(a.torque, rel=0.01)

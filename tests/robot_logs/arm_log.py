@@ -44,7 +44,7 @@ def arm_log(
         kp: Gain of the truth [N·m/rad]; the log says :data:`KP`.
         late: Delay of the commands [s].
         offset: Of the elbow's encoder [rad].
-        extra: Torque beside the drives, by time, angles, speeds.
+        extra: Torque in addition to the drives, by time, angles, speeds.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "arm.xml").write_text(ARM)

@@ -1,4 +1,4 @@
-"""What a log says of every number: many robots at once leave what each of them leaves alone."""
+"""A log's information on every number: many robots at once leave what each of them leaves alone."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def air(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_log_has_the_contract_s_form(air: Path) -> None:
-    """Columns of joints without a base, rising stamps about 5 ms apart, gains in log.json."""
+    """Columns of joints without a base, rising stamps about every 5 ms, gains in log.json."""
     log = load_log(air)
     (run,) = log.runs
     assert log.base == "fixed" and log.tau_is == "estimate" and not run.base
@@ -92,7 +92,7 @@ def test_the_truth_stands_beside_the_log(air: Path) -> None:
 
 
 def test_hidden_effects_act(air: Path) -> None:
-    """A joint with friction, beside its mirror image, rests more often; a weak motor gives half of what it is asked."""
+    """A joint with friction rests more often than its mirror image; a weak motor gives half of its command."""
     log = load_log(air)
     (run,) = log.runs
     at = {name: k for k, name in enumerate(log.joints)}

@@ -1,4 +1,4 @@
-"""MuJoCo's own batch and MuJoCo-Warp replay one log alike, on the CPU and on a GPU."""
+"""MuJoCo's own batch and MuJoCo-Warp replay one log identically, on the CPU and on a GPU."""
 
 from dataclasses import replace
 from pathlib import Path

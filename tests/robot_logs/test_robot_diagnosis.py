@@ -1,4 +1,4 @@
-"""What a diagnosis of an arm's log names; the truth is simulated by :mod:`tests.robot_logs.arm_log`."""
+"""Causes named from an arm's log; the truth is simulated by :mod:`tests.robot_logs.arm_log`."""
 
 import contextlib
 import json
@@ -48,7 +48,8 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
 ) -> None:
     """A lower arm of 150 g more than described; keys as of a joint's verdict; errors of parts that took no part.
 
-    Its mass is as well known as all drives' torques are beside all masses, which a robot that is held does not tell.
+    Its mass is as well known as all drives' torques are relative to all masses, which a robot that is held does not
+    show.
     """
     corrections: list[np.ndarray] = []
     losses = robot_diagnosis.losses
@@ -123,8 +124,8 @@ def test_gains_that_the_log_does_not_tell_come_back(tmp_path: Path) -> None:
     assert found == {"robot": pytest.approx(15.0, rel=0.02)}
 
 
-def test_torques_of_all_drives_alike_cannot_be_known_in_the_air(tmp_path: Path) -> None:
-    """The log says gains of 0.85 times the robot's, which masses too small would look like: no cause, and told so."""
+def test_torques_of_all_drives_together_cannot_be_known_in_the_air(tmp_path: Path) -> None:
+    """Logged gains are 0.85 times the robot's, as masses too small would look: no cause, and reported so."""
     log = load_log(arm_log(tmp_path, seconds=8.0))
     d = diagnose_log(tmp_path / "arm.xml", replace(log, kp=0.85 * log.kp, kd=0.85 * log.kd))
     assert d.causes == ()
@@ -141,8 +142,8 @@ def test_torques_of_all_drives_further_off_are_the_motors_strength(tmp_path: Pat
     assert d.causes[0].parameters["factor"].value == pytest.approx(2.0, rel=0.02)
 
 
-def test_larger_kp_of_all_joints_is_smaller_kd_beside_stronger_motors(tmp_path: Path) -> None:
-    """Two names of one robot: the replay cannot tell them apart, so one is tried from the other's size."""
+def test_larger_kp_of_all_joints_is_smaller_kd_with_stronger_motors(tmp_path: Path) -> None:
+    """Two names of one robot: the replay cannot distinguish them, so one is tried from the other's size."""
     log = load_log(arm_log(tmp_path, seconds=2.0))
     model = replay_model(tmp_path / "arm.xml", log)
     parameters, (windows, *_) = parameters_of(model, log), cut_windows(model, log)
@@ -208,7 +209,7 @@ def test_commands_that_act_before_their_row_were_stamped_late(tmp_path: Path) ->
 
 
 def test_more_drag_than_described_is_dry_friction_or_it() -> None:
-    """Nothing in a log tells a device's drag from a joint's dry friction."""
+    """Nothing in a log distinguishes a device's drag from a joint's dry friction."""
     dry = replace(_parameter(), cause="coulomb_friction", spread=0.5, fault=0.5, lowest=0.0)
     drag = replace(_parameter(), cause="device_drag", spread=0.05, step=-0.05, fault=0.5, highest=0.0)
     (found,) = select(_evidence(np.full((64, 2, 2), 4e3), np.full((64, 2), 4e3 * 0.8)), [dry, drag])
@@ -265,8 +266,8 @@ def test_a_cause_whose_interval_reaches_to_no_fault_is_a_suspect() -> None:
         evidence = _evidence(np.ones((64, 1, 1)), np.repeat(asked, 8)[:, None])
         size = sizes(evidence, [p], [f.direction], *bounds_of([p]))
         alone = robot_proof.Sizes(size=size, lone=size, wider=1.0)
-        found, doubtful, *_ = robot_proof.clear_ones([f], evidence, [p], lambda _: (alone, evidence))
-        assert len(found) + len(doubtful) == 1
+        found, rejected, *_ = robot_proof.clear_ones([f], evidence, [p], lambda _: (alone, evidence))
+        assert len(found) + len(rejected) == 1
         return bool(found)
 
     assert clear(np.linspace(0.9, 1.1, 8))
@@ -311,12 +312,12 @@ def test_windows_in_which_a_cause_could_not_act_have_no_say() -> None:
 
 
 def test_windows_agree_by_the_exact_distribution_of_signed_ranks() -> None:
-    """What is needed of 15 to 60 windows is reached just where SciPy's exact test gives the chance that is allowed."""
+    """The score needed of 15 to 60 windows is reached just where SciPy's exact test gives the allowed chance."""
     rng, sides = np.random.default_rng(0), set()
     for _ in range(300):
         gain = rng.normal(rng.uniform(0.5, 2.0), 1.0, rng.integers(30, 50))
         chance = np.asarray(stats.wilcoxon(gain, alternative="greater", method="exact"))[1]
-        rare = bool(chance <= robot_proof.FORETOLD)
+        rare = bool(chance <= robot_proof.BY_CHANCE)
         assert (robot_proof._agreement(gain) >= 1.0 - 1e-12) == rare
         sides.add(rare)
     assert sides == {True, False}
@@ -324,7 +325,7 @@ def test_windows_agree_by_the_exact_distribution_of_signed_ranks() -> None:
 
 
 def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
-    """Twelve drives that all settle beside their commands give the readings that one weight gives."""
+    """Twelve drives that all settle off their commands give the readings that one weight gives."""
     weight = Direction(cause="kp", where="a", members=(0,))
     found = [Found(direction=weight, z=9.0, alternatives=())]
     reading = np.array([1.0, *np.full(12, 1.0 / 12)])
@@ -333,10 +334,10 @@ def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
 
     def proven(spread: float) -> bool:
         drives = [replace(_parameter(), cause="session", spread=spread) for _ in range(12)]
-        return bool(robot_proof.foretelling(found, evidence, [replace(_parameter(), spread=0.1), *drives])[0])
+        return bool(robot_proof.cross_validated(found, evidence, [replace(_parameter(), spread=0.1), *drives])[0])
 
     assert proven(1.5)
-    assert not proven(20.0)  # as drives are: then the log does not tell
+    assert not proven(20.0)  # as drives are: then the log does not show it
 
 
 def test_a_weight_on_the_trunk_is_no_heavy_hip() -> None:
@@ -374,7 +375,7 @@ def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pyt
 
     stubs = {
         "gather": lambda *_: evidence, "select": select, "fit": fit, "replayed": replayed,
-        "foretelling": lambda found, *_: (found, []), "fitted_alone": lambda *_: (np.zeros(2), evidence, []),
+        "cross_validated": lambda found, *_: (found, []), "fitted_alone": lambda *_: (np.zeros(2), evidence, []),
         "_loudest": lambda *_: (np.zeros(2), []), "_session": lambda *_: np.zeros(2),
     }  # fmt: skip
     for name, stub in stubs.items():
@@ -431,8 +432,8 @@ def test_a_drive_s_cause_goes_on_from_where_the_fit_of_another_came() -> None:
     assert theta[1:3] == pytest.approx(np.sqrt(0.81 * 1.1) - 1.0)
 
 
-@pytest.mark.parametrize(("size", "scale", "told"), [(-0.4, 0.4, "kd"), (-0.4, -0.1, "kp"), (0.5, -0.25, "kd")])
-def test_of_kp_and_kd_the_likelier_beside_its_torque_scale_is_told(size: float, scale: float, told: str) -> None:
+@pytest.mark.parametrize(("size", "scale", "named"), [(-0.4, 0.4, "kd"), (-0.4, -0.1, "kp"), (0.5, -0.25, "kd")])
+def test_of_kp_and_kd_the_likelier_with_its_torque_scale_is_named(size: float, scale: float, named: str) -> None:
     """They are one robot but for that scale: the fit, which came to Kp of all joints, does not say which of them."""
     fields = {"kp": ("kp", 0.3), "kd": ("kd", 0.5), "session": ("scale", 0.0)}
     parameters = [
@@ -443,8 +444,8 @@ def test_of_kp_and_kd_the_likelier_beside_its_torque_scale_is_told(size: float, 
     both = {x: Direction(cause=x, where="robot", members=m) for x, m in (("kp", (0, 1)), ("kd", (2, 3)))}
     kp = Found(direction=both["kp"], z=9.0, alternatives=(both["kd"],))
     (found,), theta = robot_fit.likelier([kp], np.array([size, size, 0.0, 0.0, scale]), parameters)
-    assert found.direction == both[told]
-    if told == "kd":
+    assert found.direction == both[named]
+    if named == "kd":
         own = 1.0 / (1.0 + size) - 1.0
         assert found.alternatives == (both["kp"],)
         assert theta == pytest.approx([0.0, 0.0, own, own, (1.0 + size) * (1.0 + scale) - 1.0], abs=1e-9)
@@ -469,7 +470,7 @@ def test_a_joint_s_gain_beside_that_of_all_joints_is_one_that_differs(own: float
     noise = np.random.default_rng(0).normal(0.0, 3.0, (64, 4))
     evidence = replace(_evidence(a, a @ truth + noise), c=np.full(64, truth @ a[0] @ truth))
     wide, one = (Direction(cause="kp", where=w, members=m) for w, m in (("robot", (0, 1, 2, 3)), ("a", (0,))))
-    found, _ = robot_proof.foretelling(
+    found, _ = robot_proof.cross_validated(
         [Found(direction=d, z=9.0, alternatives=()) for d in (wide, one)], evidence, parameters
     )
     assert [f.direction for f in found] == [wide, one][: 1 + (own != 0.3)]
@@ -522,7 +523,7 @@ def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path)
 
 
 def test_friction_that_a_controller_compensates_is_told(tmp_path: Path) -> None:
-    """What makes up for 80 % of the elbow's friction stands in no command."""
+    """The compensation of 80 % of the elbow's friction stands in no command."""
 
     def helped(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:  # noqa: ARG001
         return np.array([0.0, 0.08 * np.tanh(v[1] / 0.02)])
@@ -605,23 +606,23 @@ def test_soft_ground_is_replayed_by_one_into_which_feet_sink(
 
 
 def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
-    """Drives that press its feet apart do not spread its legs, though the trunk may sway."""
+    """Drives that press its feet outwards do not spread its legs, though the trunk may sway."""
     record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1), tmp_path)
     log = load_log(tmp_path)
     model = replay_model(Path("mr_go"), log)
     (group,) = cut_windows(model, log)
     hips = [k for k, joint in enumerate(model.joints) if joint.endswith("hip")]
     shift = np.zeros((group.count, len(model.joints)))
-    apart = np.array([1.0 if model.joints[k].startswith(("FL", "RL")) else -1.0 for k in hips])
-    shift[:, hips] = 0.02 * apart
+    outwards = np.array([1.0 if model.joints[k].startswith(("FL", "RL")) else -1.0 for k in hips])
+    shift[:, hips] = 0.02 * outwards
     start = np.zeros((group.count, len(nuisances(model))))
     q = Replay(model, group).run(Hypotheses({"shift": shift}), np.arange(group.count), start)["q"][:, :, hips]
     moved = q[:, -1] - q[:, group.t.shape[1] // 2]
-    assert abs(np.median((moved * apart).mean(axis=1))) < 2e-4
+    assert abs(np.median((moved * outwards).mean(axis=1))) < 2e-4
 
 
 def test_a_device_remembers_how_it_turned_long_before_a_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Begun anew 30 ms before each window, that of a leg which moves little had a fifth of its hysteresis."""
+    """Started again 30 ms before each window, that of a leg which moves little had a fifth of its hysteresis."""
     true, own = [], TrueRobot._device_bound
 
     def noted(robot: TrueRobot, command: Command, qd: np.ndarray) -> np.ndarray:
@@ -715,7 +716,7 @@ def test_commands_of_a_step_are_their_mean_over_it() -> None:
 
 
 def test_a_fault_of_a_coil_cannot_hide_behind_the_robot() -> None:
-    """Its current says all of it: the channel weighs by what is left beside the share that currents alone ask for."""
+    """Its current says all of it: the channel weighs by its rest after the share that currents alone ask for."""
     rng = np.random.default_rng(4)
     asked = rng.uniform(0.0, 1.5, (30, 60, 1))
     share = np.stack([-asked, np.zeros_like(asked)], axis=1).reshape(30, 2, 60)  # and a number no current shows
@@ -735,7 +736,7 @@ def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They end at 7 ms of a delay of 12 ms, where the replay is best; the rest of a session is fitted beside that."""
+    """They end at 7 ms of a delay of 12 ms, where the replay is best; the rest of a session is fitted with it."""
     p = replace(_parameter(), cause="command_delay", field="delay", least=0.0015, every_session=True)
     begun = []
 
@@ -762,7 +763,7 @@ def test_a_delay_that_is_a_fault_is_no_part_of_the_error_before() -> None:
 
 @pytest.mark.slow
 def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> None:
-    """Its current is missing, and nothing else is blamed: loads move to the legs beside it, whose devices are well."""
+    """Its current is missing, and nothing else is blamed: loads move to neighbouring legs, whose devices are well."""
     cfg = LogCfg(robot="mr_go", motions=(("walk", 12.0),), hide=("coil_dead=RL",), policy=DEFAULT_POLICY, seed=1)
     with contextlib.suppress(OSError):
         record(cfg, tmp_path)

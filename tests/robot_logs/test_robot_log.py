@@ -24,7 +24,7 @@ Columns = dict[str, np.ndarray]
 
 
 def good() -> tuple[dict[str, Any], Columns]:
-    """A second of two joints and everything that the contract allows besides."""
+    """A second of two joints and everything that the contract also allows."""
     t = np.arange(200) * 0.005
     q = 0.5 * np.sin(6.0 * t)
     columns: Columns = {"t": 1.7e9 + t}
@@ -95,7 +95,7 @@ def test_a_drive_without_damping_is_told(tmp_path: Path) -> None:
 
 
 def test_units_are_converted(tmp_path: Path) -> None:
-    """What log.json declares, channel by channel."""
+    """Declarations of log.json, channel by channel."""
     header, columns = good()
     header["units"] = {"t": "ms", "q": "deg", "qd": "deg/s", "acc": "g", "tau": "mN·m", "current": "mA"}
     load = load_log(write(tmp_path / "plain", *good())).runs[0]
@@ -173,7 +173,7 @@ BAD: dict[str, tuple[Callable[[dict, Columns], Any], str]] = {
         lambda h, c: (h.pop("joints"), [c.pop(k) for k in list(c) if "." in k]),
         "no joint .. q.JOINT .. robot's own joint name",
     ),
-    "no recordings": (lambda h, c: c.clear(), "no recordings beside log.json .. add .csv"),
+    "no recordings": (lambda h, c: c.clear(), "no recordings next to log.json .. add .csv"),
 }  # fmt: skip
 
 
@@ -264,7 +264,7 @@ def test_diagnose_refuses_a_robot_that_is_not_there(tmp_path: Path, capsys: pyte
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="real logs lie beside the repository where they are at hand")
+@pytest.mark.skipif(not SHARED.is_dir(), reason="real logs lie next to the repository where they are at hand")
 @pytest.mark.parametrize(
     ("name", "joints", "runs", "tau_is"), [("go2_air", 12, 5, "none"), ("double_pendulum", 2, 10, "estimate")]
 )

@@ -39,9 +39,9 @@ def _log(folder: Path, *, tied: bool) -> Path:
     return folder
 
 
-def _derivatives(path: Path, monkeypatch: pytest.MonkeyPatch, *, apart: bool = False) -> tuple[Slopes, int]:
+def _derivatives(path: Path, monkeypatch: pytest.MonkeyPatch, *, separate: bool = False) -> tuple[Slopes, int]:
     """Of all numbers, about a robot that is a little off; and how many robots were replayed."""
-    if apart:
+    if separate:
         monkeypatch.setattr(ReplayModel, "limbs", {})
     log = load_log(path)
     model = replay_model(path / "robot.xml", log)
@@ -56,8 +56,8 @@ def _derivatives(path: Path, monkeypatch: pytest.MonkeyPatch, *, apart: bool = F
 
 def test_limbs_share_replays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of the robots give the same derivatives; limbs that a constraint ties together share none."""
-    path = _log(tmp_path / "apart", tied=False)
-    (ours, few), (alone, many) = _derivatives(path, monkeypatch), _derivatives(path, monkeypatch, apart=True)
+    path = _log(tmp_path / "separate", tied=False)
+    (ours, few), (alone, many) = _derivatives(path, monkeypatch), _derivatives(path, monkeypatch, separate=True)
     assert few < 0.4 * many
     size = np.abs(alone.j).max(axis=(0, 2), keepdims=True)
     np.testing.assert_allclose(ours.j / size, alone.j / size, atol=2e-3)

@@ -1,4 +1,4 @@
-"""What a log cannot tell, and the motion that would."""
+"""Causes that a log cannot show, and the motion that would."""
 
 import contextlib
 from pathlib import Path
@@ -79,7 +79,7 @@ def test_advice_fits_the_robot(legged: bool) -> None:
 def test_what_the_verdict_speaks_of_has_shown_in_the_log(
     shown: list[tuple[str, str, tuple[int, ...]]], left: set[str]
 ) -> None:
-    """A named Kp of one joint stood next to "kp: no size would have shown in this log", and a limit likewise."""
+    """A named Kp of one joint stood next to "kp: no size would have shown in this log", and so did a limit."""
     p = [_gain("kp", "elbow", 0), _gain("kp", "wrist", 1)]
     p += [_gain("torque_limit", "elbow", 0, field="limit"), _gain("torque_limit", "wrist", 1, field="limit")]
     now = SimpleNamespace(covariance=np.eye(4), precision=np.eye(4))
@@ -139,7 +139,7 @@ def test_how_well_feet_hold_is_told_where_they_slip(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize(("motion", "slips"), [("squat", False), ("walk", True)])
 def test_feet_slip_in_a_walk_and_not_where_they_stand(tmp_path: Path, motion: str, slips: bool) -> None:
-    """By what the log says of joints, trunk and load: feet that stay on the ground keep their places beside another."""
+    """By the log's joints, trunk and load: feet that stay on the ground keep their relative places."""
     with contextlib.suppress(OSError):
         record(LogCfg(robot="mr_go", motions=((motion, 4.0),), policy=DEFAULT_POLICY, seed=1), tmp_path)
     log = load_log(tmp_path)

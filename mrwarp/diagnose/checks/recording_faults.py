@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.identify.boosting import foretold
+from mrwarp.identify.boosting import cross_predicted
 from mrwarp.identify.checks.shared_fit import LEAST_GROUP, RunTable, SharedFit
 from mrwarp.identify.contradictions import DRIVES, opposed, resists
 from mrwarp.identify.dataset import Motion
@@ -239,7 +239,7 @@ def _left_by_boosting(recording: Recording, fit: SharedFit, every: int) -> np.nd
     smooth = np.zeros((fit.rows[0].shape[1], len(motion.q)))
     smooth[:, kept] = np.concatenate(fit.rows).T
     at = kept[:: -(-len(kept) // _LEARNED)]
-    left = (motion.torque[at] - foretold(motion, at, motion.torque, smooth=smooth)) * motion.scales.torque
+    left = (motion.torque[at] - cross_predicted(motion, at, motion.torque, smooth=smooth)) * motion.scales.torque
     run = np.searchsorted(motion.start, at, side="right") - 1
     return np.array([np.var(left[run == k]) for k in range(len(fit.rows))])
 

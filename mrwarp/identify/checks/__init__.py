@@ -1,1 +1,1 @@
-"""What recordings are checked by: one description of all runs, and reasons why a model explains nothing."""
+"""Checks of recordings: one description of all runs, and reasons why a model explains nothing."""

@@ -50,7 +50,7 @@ def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray | float = 1
 
 
 def explains_nothing(nrmse: float, data: Dataset, units: Mapping[str, str], *, every_effect: bool = False) -> str:
-    """What to check where even the best model misses most of the torque.
+    """Advice where even the best model misses most of the torque.
 
     Args:
         nrmse: Its error over the torque's standard deviation.
@@ -62,13 +62,13 @@ def explains_nothing(nrmse: float, data: Dataset, units: Mapping[str, str], *, e
     name = quantity("torque", units)
     reason = followed_instead(data, units, every_effect=every_effect) or (
         "check that it was measured at this joint, that the columns belong together, and that the bench prescribed the "
-        "motion; in a log of a walking robot the motion answers to the torque"
+        "motion. In a log of a walking robot the motion answers to the torque"
     )
     return f"{what} next to nothing of the {name} (NRMSE {100.0 * nrmse:.1f} %): {reason}"
 
 
 def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: bool = False) -> str:
-    """What a torque follows that eqs. 14 and 15 miss, with what to do about it; empty where nothing shows it."""
+    """Cause of a torque that eqs. 14 and 15 miss, with a remedy; empty where nothing shows it."""
     angle, torque = quantity("q", units), quantity("torque", units)
     if hardly := hardly_moves([data.q[part] * data.scales.q for part in data.parts], units):
         return hardly
@@ -103,8 +103,8 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
         differs = f"differs between runs{f', or an {angle} that begins elsewhere in each' if cogs else ''}"
         return (
             f"{100.0 * in_each:.0f} % of what they leave comes again at the same {angle} within each run, but "
-            f"{100.0 * max(in_all, 0.0):.0f} % from run to run: {load} {differs}; keep it the same, or take it "
-            f"out of the {torque}, and try again"
+            f"{100.0 * max(in_all, 0.0):.0f} % from run to run. It looks like {load} {differs}; keep it the same, or "
+            f"take it out of the {torque}, and try again"
         )
     return ""
 
@@ -119,7 +119,7 @@ def _opposed(plain: np.ndarray, torque: np.ndarray, qdd: np.ndarray) -> bool:
 
 
 def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
-    """What to do about a joint whose angle, of each run, covers little more than its noise; else nothing."""
+    """Advice on a joint whose angle covers little more than its noise in each run; else nothing."""
     reach, noise = (float(np.median([measure(q) for q in angles])) for measure in (np.ptp, _white))
     if reach >= _HARDLY * noise:
         return ""
@@ -161,7 +161,7 @@ def _rest(table: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def by_place(angle: np.ndarray, rest: np.ndarray, runs: Sequence[slice], turn: float, *, own: bool) -> np.ndarray:
-    """What the mean at the same place says of a torque, or of a rest of it, shape (N,).
+    """Mean of a torque, or of a rest of it, at the same place, shape (N,).
 
     Args:
         angle: Angle or displacement, shape (N,).

@@ -93,7 +93,7 @@ class SharedFit:
         return np.linalg.solve(gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), moment / scale) / scale
 
     def left_by(self, c: np.ndarray) -> np.ndarray:
-        """What coefficients leave of each run, as mean square, shape (R,)."""
+        """Rest of each run under coefficients, as mean square, shape (R,)."""
         left = self.spread**2 - 2.0 * self.crosses @ c + np.einsum("i,rij,j->r", c, self.grams, c)
         return np.maximum(left, 1e-6 * self.spread**2)
 
@@ -126,7 +126,7 @@ class SharedFit:
         return self.agreed(weight * ~second), self.agreed(weight * second)
 
     def left_by_groups(self, second: np.ndarray) -> np.ndarray:
-        """What the other group leaves of each run, its own group, and that without the run; mean squares, (3, R)."""
+        """Rest of each run by the other group, its own group, and that without the run; mean squares, (3, R)."""
         weight, runs = 1.0 / np.maximum(self.spread**2, 1e-30), np.arange(len(second))
         found = []
         for k in range(len(second)):
@@ -136,9 +136,9 @@ class SharedFit:
         return np.array(found).T
 
     def factors(self, by: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of each run against what most runs, or those named alike, agree on, and its correlation with that."""
-        alike = np.isin(np.arange(len(self.rows)), [] if by is None else by) / np.maximum(self.spread**2, 1e-30)
-        c = self.coefficients if by is None else self.agreed(alike)
+        """Factor of each run against what most runs, or those named, agree on, and its correlation with that."""
+        named = np.isin(np.arange(len(self.rows)), [] if by is None else by) / np.maximum(self.spread**2, 1e-30)
+        c = self.coefficients if by is None else self.agreed(named)
         shared = self.crosses @ c
         size = np.maximum(np.einsum("i,rij,j->r", c, self.grams, c), 1e-30)
         return shared / size, shared / np.sqrt(size) / np.maximum(self.spread, 1e-30)

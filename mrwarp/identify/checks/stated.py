@@ -18,7 +18,7 @@ STATED = {"coil_resistance": ("Ohm", MrParams.spec("coil_resistance").high), "de
 
 
 def stated_numbers(recording: Recording, given: Mapping[str, float | None] | None = None) -> dict[str, Parameter]:
-    """What is stated of the device that was recorded, by name.
+    """Statements on the device that was recorded, by name.
 
     Args:
         recording: Its header may hold the numbers.

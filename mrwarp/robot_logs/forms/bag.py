@@ -90,7 +90,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> RobotLog:
 
     Args:
         path: The bag.
-        mapping: A map; without one, ``map.json`` beside the bag's files if it is there.
+        mapping: A map; without one, ``map.json`` next to the bag's files if it is there.
 
     Raises:
         LogError: it cannot be read, or does not say enough; the message says what the map must add.
@@ -152,7 +152,7 @@ def _roles(path: Path, topics: Mapping[str, str], m: Mapping[str, Any]) -> dict[
             continue
         fitting = [t for t in topics if fits(t)]
         if role in ("state", "command") and any(not _is(topics[t], "JointState") for t in fitting):
-            fitting = [t for t in fitting if not _is(topics[t], "JointState")]  # the robot's own tell gains too
+            fitting = [t for t in fitting if not _is(topics[t], "JointState")]  # the robot's own hold gains too
         if len(fitting) > 1:
             shortest = [
                 t for t in fitting if t.strip("/").lower() in ("joint_states", "lowstate", "lowcmd", "imu", "odom")
@@ -166,9 +166,9 @@ def _roles(path: Path, topics: Mapping[str, str], m: Mapping[str, Any]) -> dict[
         if fitting:
             found[role] = fitting[0]
     if "state" not in found:
-        told = ", ".join(f"{t} ({kind})" for t, kind in sorted(topics.items()))[:400]
+        listed = ", ".join(f"{t} ({kind})" for t, kind in sorted(topics.items()))[:400]
         raise LogError(
-            f'{path}: no JointState or LowState; name the topic in the map: {{"state": "/topic"}}; topics: {told}'
+            f'{path}: no JointState or LowState; name the topic in the map: {{"state": "/topic"}}; topics: {listed}'
         )
     return found
 
@@ -252,8 +252,8 @@ def _joined(
     first = 0
     if "command" in role:
         when, command = series[role["command"]]
-        told = names.get(role["command"])
-        pick = columns if told is None else _pick(path, role["command"], [source[k] for k in columns], told)
+        given = names.get(role["command"])
+        pick = columns if given is None else _pick(path, role["command"], [source[k] for k in columns], given)
         # a command that follows a row by less than half a row was computed from it
         at = np.searchsorted(when, t + half, side="right") - 1
         first = int(np.searchsorted(at, 0))
@@ -306,13 +306,13 @@ def _switched_off(joint: dict[str, np.ndarray]) -> None:
             joint[gain] = np.where(off, 0.0, joint[gain])
 
 
-def _pick(path: Path, topic: str, wanted: Sequence[str], told: list[str]) -> list[int]:
+def _pick(path: Path, topic: str, wanted: Sequence[str], given: list[str]) -> list[int]:
     for name in wanted:
-        if name not in told:
+        if name not in given:
             raise LogError(
                 f"{path}: {topic} commands no {name}; leave it out of the map's joints, or name another command"
             )
-    return [told.index(name) for name in wanted]
+    return [given.index(name) for name in wanted]
 
 
 def _resampled(t: np.ndarray, when: np.ndarray, x: np.ndarray) -> np.ndarray:

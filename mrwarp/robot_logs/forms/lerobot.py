@@ -27,7 +27,7 @@ VERSIONS = ("v2.", "v3.")
 STATE, ACTION = "observation.state", "action"
 
 SUFFIXES = {"pos": "", "position": "", "vel": "vel", "velocity": "vel", "torque": "effort", "effort": "effort"}
-"""What a number is, by the end of its name: ``shoulder_pan.pos``; without such an end it is an angle."""
+"""Quantity of a number by the end of its name: ``shoulder_pan.pos``; without such an end it is an angle."""
 
 CHANNELS = {
     (STATE, ""): "q", (STATE, "vel"): "qd", (STATE, "effort"): "tau",
@@ -35,7 +35,7 @@ CHANNELS = {
 }  # fmt: skip
 """Channel of a robot's log, by feature and kind of number. An action is computed from its row's state."""
 
-BESIDE = {
+FURTHER = {
     "observation.velocity": "qd", "observation.effort": "tau", "observation.torque": "tau",
 }  # fmt: skip
 """Features of their own that hold one number for each angle of the state."""
@@ -118,7 +118,7 @@ def _layout(file: Path, features: Mapping[str, Any], m: Mapping[str, Any]) -> li
         raise LogError(f"{file}: {STATE} names {double} twice; name it once")
     if not angles:
         raise LogError(f"{file}: {STATE} holds no angle ({', '.join(_names(features[STATE]) or ())[:200]})")
-    for feature, channel in BESIDE.items():
+    for feature, channel in FURTHER.items():
         if feature in features and _width(file, feature, features[feature]) == len(angles):
             found += [(channel, name, feature, k) for k, name in enumerate(angles)]
     return found
@@ -154,7 +154,7 @@ def _width(file: Path, name: str, feature: Mapping[str, Any]) -> int:
 def _units(features: Mapping[str, Any]) -> dict[str, str]:
     """Units that a data set says for itself, as ``unit`` or ``units`` of a feature: none of LeRobot's own does."""
     found = {}
-    for feature, channel in ((STATE, "q"), (ACTION, "q_des"), *BESIDE.items()):
+    for feature, channel in ((STATE, "q"), (ACTION, "q_des"), *FURTHER.items()):
         unit = features.get(feature, {}).get("unit", features.get(feature, {}).get("units"))
         if isinstance(unit, str):
             found[channel] = {"degrees": "deg", "degree": "deg", "radians": "rad", "radian": "rad"}.get(unit, unit)
@@ -197,7 +197,7 @@ def _vectors(path: Path, table: pa.Table, name: str, feature: Mapping[str, Any])
 
 
 def _grippers(names: Sequence[str], m: Mapping[str, Any]) -> list[str]:
-    """What is said of grippers whose numbers would be taken as angles."""
+    """Note on grippers whose numbers would be taken as angles."""
     given = m.get("joints")
     taken = set(given) if isinstance(given, dict) else set(names)
     own = [name for name in names if "gripper" in name.lower() and name in taken]

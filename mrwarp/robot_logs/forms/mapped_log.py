@@ -32,7 +32,7 @@ MAP_FILE = "map.json"
 MAP_KEYS = (
     "robot", "base", "state", "command", "imu", "pose", "joints", "feet", "kp", "kd", "tau_is", "clock", "units"
 )  # fmt: skip
-"""What a map may hold; anything else goes into log.json as it is, if it begins with ``x_``."""
+"""Keys of a map; anything else goes into log.json as it is, if it begins with ``x_``."""
 
 NORMALISED = ("range_m100_100", "range_0_100", "normalised", "normalized", "percent", "%")
 """Units by which a share of a joint's calibrated range may be declared: LeRobot's names, and plain ones."""
@@ -124,14 +124,14 @@ class Columns:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """What a form of files says of all their recordings."""
+    """Statements of a form of files on all their recordings."""
 
     names: Sequence[str]
     """Of the C columns, each a joint."""
     units: Mapping[str, str]
     """By channel, where the files or their documentation say them."""
     question: str
-    """What asks for the unit of angles where nobody says it."""
+    """Question for the unit of angles where nobody says it."""
     notes: list[str] = field(default_factory=list)
 
 
@@ -185,8 +185,8 @@ def _factors(path: Path, m: Mapping[str, Any], source: Source, channels: set[str
     for channel, unit in said.items():
         if str(unit).lower() in NORMALISED:
             raise LogError(
-                f"{path}: {channel} in {unit!r} is a share of the range that the robot's calibration found, no angle, "
-                "and cannot be used without that calibration; convert it by the calibration's range_min and range_max, "
+                f"{path}: {channel} in {unit!r} is a share of the robot's calibrated range, no angle; "
+                "convert it by the calibration's range_min and range_max, "
                 "or record with use_degrees=true"
             )
     if "q" not in said:

@@ -111,8 +111,8 @@ def _named(
     width, given = _width(recordings), m.get("joints")
     if names is None and not (isinstance(given, list) and len(given) == width):
         raise LogError(
-            f"{path}: does not say which joints its {width} columns are; name them in a map, {order}, with null for "
-            "one to leave out, by --map MAP.json, or as map.json next to the file"
+            f"{path}: does not name the joints of its {width} columns; name them in a map, {order}, null for "
+            "one to leave out: --map MAP.json, or map.json next to the file"
         )
     own = names or [f"column {k + 1}" for k in range(width)]
     notes = ["angles are taken in rad, as this form of file has them; --units q=deg says otherwise"]

@@ -1,4 +1,4 @@
-"""The log beside its simulation before and after: every window replayed with the description, and with the causes."""
+"""The log and its simulation before and after: every window replayed with the description, and with the causes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Compared:
     before: Mapping[str, np.ndarray]
     """Channels that the description predicts, shape (W, S, C)."""
     after: Mapping[str, np.ndarray]
-    """Likewise with the named causes."""
+    """Simulated with the named causes."""
 
     @property
     def time(self) -> np.ndarray:
@@ -42,7 +42,7 @@ class Compared:
 
 
 def compare(d: RobotDiagnosis) -> list[Compared]:
-    """Replay every window twice, both beside the session's offsets; one entry per group of windows."""
+    """Replay every window twice, both with the session's offsets; one entry per group of windows."""
     plain = np.array([d.session.get(p.where, 0.0) if p.field == "shift" else 0.0 for p in d.parameters])
     begins = np.cumsum([0.0, *(run.t[-1] for run in d.log.runs)])
     found = []

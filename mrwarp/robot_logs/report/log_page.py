@@ -109,7 +109,7 @@ def _change(before: float, after: float) -> str:
 
 
 def _parted(line: str) -> tuple[str, str]:
-    """What cannot be known, and why, with the motion that would show it."""
+    """Causes that cannot be known, and why, with the motion that would show them."""
     what, colon, why = line.partition(": ")
     return (what.replace("_", " "), why) if colon else ("", line)
 

@@ -12,7 +12,7 @@ from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.runtime import drawing
 
 BEFORE, AFTER, MEASURED = "#d55e00", "#0072b2", "#1c1f23"
-"""Colours of the description, the extended robot and the log; told apart by colour-blind readers."""
+"""Colours of the description, the extended robot and the log; distinguishable for colour-blind readers."""
 
 CELLS, MOST_NAMES = 240, 6
 """Most columns of the map over time, and most recordings whose names find room over it."""
@@ -47,11 +47,11 @@ def _touches(where: str, joint: str) -> bool:
 
 
 def _where(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
-    """Error of each joint over time as a map, and each joint's error beside it."""
+    """Error of each joint over time as a map, and each joint's error next to it."""
     time, before, _ = joint_windows(compared)
     joints = len(d.model.joints)
-    apart = 2.0 * float(np.median(np.diff(time)))
-    edges = np.linspace(0.0, time[-1] + apart, int(np.clip(time[-1] / apart, 1, CELLS)) + 1)
+    spacing = 2.0 * float(np.median(np.diff(time)))
+    edges = np.linspace(0.0, time[-1] + spacing, int(np.clip(time[-1] / spacing, 1, CELLS)) + 1)
     cell = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
     grid = np.full((joints, len(edges) - 1), np.nan)
     for k in np.unique(cell):
@@ -120,7 +120,7 @@ def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
         bottom.plot(t, 1e3 * c.left(False)["q"][w, :, joint], color=BEFORE, linewidth=1.2)
         bottom.plot(t, 1e3 * c.left(True)["q"][w, :, joint], color=AFTER, linewidth=1.2)
     top.set(ylabel="angle [rad]")
-    top.set_title(f"{d.model.joints[joint]}: where it errs most; each window begins anew in the log", fontsize=9)
+    top.set_title(f"{d.model.joints[joint]}: where it errs most; each window begins from the logged state", fontsize=9)
     bottom.set(xlabel="time, recordings end to end [s]", ylabel="mismatch [mrad]")
     bottom.axhline(0.0, color="#a3abb5", linewidth=0.8)
     top.legend(frameon=False, fontsize=8, ncols=3)

@@ -1,7 +1,7 @@
 """The logged robot and the extended simulation side by side in rerun: links as lines, the blamed part coloured.
 
 Entities: ``logged/<body>`` and ``simulated/<body>`` with poses, ``mismatch/<joint>`` before and after, on the timeline
-``log_time`` [s], on which recordings stand end to end. Every window of the simulation begins anew in the logged state.
+``log_time`` [s], on which recordings stand end to end. Every window of the simulation begins from the logged state.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ TIMELINE = "log_time"
 PLAIN, SIMULATED, BLAMED = (120, 130, 142), (70, 150, 220), (235, 126, 30)
 """Colours of the logged robot, the simulated one and what differs."""
 
-APART = 0.8
+DISTANCE = 0.8
 """Distance between both robots along y, in lengths of the robot."""
 
 RATE = 50.0
@@ -36,7 +36,7 @@ def log_view(d: RobotDiagnosis, compared: list[Compared], recording: rr.Recordin
     bodies |= {b for b in range(1, model.nbody) if any(c.where == model.body(b).name for c in d.causes)}
     size = _size(d)
     for k, (root, color) in enumerate((("logged", PLAIN), ("simulated", SIMULATED))):
-        recording.log(root, rr.Transform3D(translation=[0.0, -APART * size * k, 0.0]), static=True)
+        recording.log(root, rr.Transform3D(translation=[0.0, -DISTANCE * size * k, 0.0]), static=True)
         label = "log" if root == "logged" else "extended simulation"
         recording.log(f"{root}/name", rr.Points3D([[0.0, 0.0, 0.9 * size]], labels=[label], radii=0.0), static=True)
         for body in range(1, d.model.model.nbody):

@@ -1,4 +1,4 @@
-"""What a verdict changes for a policy: the same walks on the robot as it is described and on the extended one."""
+"""Effect of a verdict on a policy: the same walks on the robot as it is described and on the extended one."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class WalkChange:
     extended: Sequence[Mapping[str, Any]]
 
     def rows(self) -> list[tuple[str, ...]]:
-        """What :data:`HEAD` names, described and extended, a row per command."""
+        """Figures of :data:`HEAD`, described and extended, a row per command."""
         return [
             (
                 f"{old['command']:g} m/s",

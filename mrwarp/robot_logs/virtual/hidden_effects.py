@@ -1,4 +1,4 @@
-"""What can be hidden in a virtual robot: causes of the contract, and effects that no catalogue of causes holds."""
+"""Effects that can be hidden in a virtual robot: causes of the contract, and effects outside the catalogue."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Literal
 from mrwarp.run_dir import one_line
 
 Kind = Literal["joint", "device", "body", "trunk", "foot", "robot", "channel"]
-"""What a place names: a joint, a joint with a device, a body, a foot's leg, one of :data:`CHANNELS`, or nothing."""
+"""Kinds of places: a joint, a joint with a device, a body, a foot's leg, one of :data:`CHANNELS`, or nothing."""
 
 CHANNELS = ("joints", "imu", "commands", "feet")
 """Groups of columns whose stamps can be shifted."""
@@ -49,7 +49,7 @@ EFFECTS: dict[str, Effect] = {
     "backlash": _effect("joint", "rad", 0.0, 0.2, "half of the play between motor and link"),
     "motor_strength": _effect("joint", "", 0.0, 3.0, "factor on the motor's torque"),
     "torque_limit": _effect("joint", "N·m", 0.0, 1000.0, "the motor gives no more than this"),
-    "kp": _effect("joint", "", 0.0, 5.0, "factor on the gain that the drive uses, beside the logged one"),
+    "kp": _effect("joint", "", 0.0, 5.0, "factor on the gain that the drive uses, relative to the logged one"),
     "kd": _effect("joint", "", 0.0, 5.0, "factor on the drive's damping gain"),
     "command_delay": _effect("robot", "s", 0.0, 0.1, "commands act later"),
     "clock_shift": _effect("channel", "s", -0.05, 0.05, "stamps of a channel are late by this"),
@@ -100,7 +100,7 @@ class Hidden:
 
 @dataclass(frozen=True, kw_only=True)
 class Places:
-    """What a robot has, by the names that its description gives."""
+    """Places of a robot, by the names that its description gives."""
 
     joint: tuple[str, ...]
     device: tuple[str, ...]

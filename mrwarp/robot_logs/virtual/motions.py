@@ -1,4 +1,4 @@
-"""What a virtual robot is asked to do while it is logged: walk under a policy, stand, squat, move in the air."""
+"""Motions of a virtual robot while it is logged: walk under a policy, stand, squat, move in the air."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ HELP = {
     "slow": "every joint turns to and fro through its range, slowly",
     "steps": "the targets step at uneven times",
 }
-"""What each motion is."""
+"""Description of each motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Readings:
-    """What the controller knows at a tick; L legs."""
+    """The controller's inputs at a tick; L legs."""
 
     t: float
     """Since the motion began [s]."""
@@ -210,7 +210,7 @@ def _path(name: str, rng: np.random.Generator, size: float) -> Callable[[float],
 
 
 class Drives:
-    """Gains and coil currents beside the targets: gates of eqs. 5 and 8, gain of eq. 9, current by eq. 18 inverted."""
+    """Gains and coil currents with the targets: gates of eqs. 5 and 8, gain of eq. 9, current by eq. 18 inverted."""
 
     def __init__(self, d: Description, current: float) -> None:
         self.d, self.current = d, current

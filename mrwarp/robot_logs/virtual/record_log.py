@@ -1,4 +1,4 @@
-"""Record logs of a virtual robot: one file per motion, ``log.json`` as the contract has it, the truth beside it."""
+"""Record logs of a virtual robot: one file per motion, ``log.json`` as the contract has it, the truth next to it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mrwarp.robot_logs.virtual.true_robot import STEP, Description, TrueRobot, d
 from mrwarp.run_dir import write_text
 
 TRUTH_FILE = "truth.json"
-"""What was hidden; no command but a benchmark reads it."""
+"""The hidden truth; no command but a benchmark reads it."""
 
 SETTLE = 1.0
 """Time on the ground before a recording begins [s]."""
@@ -30,14 +30,14 @@ FALLEN = 0.5
 """A robot has fallen when its trunk is lower than this share of its stance, or leans further than 1 rad."""
 
 TRIES = 4
-"""Times that a motion in which the robot fell is begun anew."""
+"""Times that a motion in which the robot fell is started again."""
 
 FRAME = ("quat", "gyro", "acc")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogCfg:
-    """What is recorded."""
+    """Settings of a recording."""
 
     robot: str = "mr_go"
     motions: tuple[tuple[str, float], ...] = (("stand", 10.0), ("squat", 15.0), ("walk", 35.0))
@@ -162,7 +162,7 @@ def _run(
 
 
 def _readings(robot: TrueRobot, t: float, noise: float, rng: np.random.Generator) -> Readings:
-    """What the controller sees; it has noise of its own, as the log's is drawn later."""
+    """Readings of the controller; they have noise of their own, as the log's is drawn later."""
     gyro, gravity = np.zeros(3), np.array([0.0, 0.0, -1.0])
     tilt = _tilt(robot)
     if not robot.fixed:

@@ -2,8 +2,8 @@
 
 Nothing here is shared with the replay of the diagnosis but the robot's description: a log of a healthy robot is not
 reproduced exactly by it. Joints have an elastic element between motor and link; drives compute their torque at every
-step from what the sensors say; MR devices are integrated beside the physics, with eqs. 8, 14, 15 and 18 of the paper in
-NumPy.
+step from what the sensors say; MR devices are integrated outside the physics, with eqs. 8, 14, 15 and 18 of the paper
+in NumPy.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Device:
 
 @dataclass(kw_only=True)
 class Description:
-    """What a robot's file says."""
+    """Content of a robot's file."""
 
     path: Path
     spec: mujoco.MjSpec
@@ -76,11 +76,11 @@ class Description:
     feet: tuple[str, ...] = ()
     """Shape of each leg's foot."""
     scales: Scales = field(default_factory=Scales)
-    """Size of a robot on legs beside the shipped one's."""
+    """Size of a robot on legs relative to the shipped one's."""
 
     @property
     def places(self) -> Places:
-        """What effects can be hidden in."""
+        """Places in which effects can be hidden."""
         legs = {leg.name: leg.joints for leg in self.layout.legs} if self.layout else {}
         bodies = tuple(b.name for b in self.spec.bodies if b.name not in ("world", self.trunk))
         devices = tuple(self.joints[d.joint] for d in self.devices)
@@ -180,7 +180,7 @@ def _described_arm(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> De
 
 @dataclass(kw_only=True)
 class Command:
-    """What the controller asks of the drives; J joints, M devices."""
+    """The controller's commands to the drives; J joints, M devices."""
 
     q_des: np.ndarray
     """[rad], shape (J,)."""
@@ -404,7 +404,7 @@ class TrueRobot:
 
     @property
     def q(self) -> np.ndarray:
-        """What the encoders at the motors read [rad]."""
+        """Readings of the encoders at the motors [rad]."""
         return self.data.qpos[self.q_adr] + self.faults.offset + self.encoder_zero
 
     def foot_forces(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What somebody states of a device: options win over the header; what makes no sense is refused."""
+"""Statements on a device: options win over the header; values without sense are refused."""
 
 from dataclasses import replace
 from typing import Any

@@ -67,7 +67,7 @@ def run(out: Path, *functions, settings: Settings | None = None) -> Runner:
 
 
 def test_runner_makes_only_what_changed(tmp_path: Path) -> None:
-    """The same run keeps everything; another setting makes what depends on it again, and what depends on that."""
+    """A repeated run keeps everything; another setting makes its dependants again, and theirs."""
     first = run(tmp_path, reader).outcomes
     again = run(tmp_path, reader).outcomes
     assert CALLS == ["base", "reader"]
@@ -81,8 +81,8 @@ def test_runner_makes_only_what_changed(tmp_path: Path) -> None:
     assert CALLS[2:] == ["base", "reader"]
 
 
-def test_the_time_of_what_is_not_kept_is_told_beforehand(tmp_path: Path) -> None:
-    """All of it at first, nothing when all is kept, what a changed setting makes anew; nothing is run to tell it."""
+def test_the_time_of_what_is_not_kept_is_reported_beforehand(tmp_path: Path) -> None:
+    """All of it at first, nothing when all is kept, the dependants of a changed setting; nothing is run for it."""
 
     def left(settings: Settings | None = None) -> dict[str, float]:
         parts = catalogue(reader, waiting)
@@ -178,7 +178,7 @@ def test_a_result_that_is_made_anew_is_gone_until_it_is(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"key": 1}', "null", '{"key": {}, "findings": {}, "seconds": 1}'])
 def test_a_damaged_result_is_made_again(tmp_path: Path, damage: str) -> None:
-    """Whatever stands in the file: nothing of it is used."""
+    """With any content of the file, nothing of it is used."""
     run(tmp_path, reader)
     (tmp_path / "reader" / KEPT).write_text(damage)
     assert run(tmp_path, reader).outcomes["reader"].status == "made"

@@ -80,7 +80,7 @@ def test_effects_are_judged_by_sign_and_named_claims() -> None:
         (-5.0, 1.0, Verdict.DIRECTION),
         (-5.0, 9.0, Verdict.UNRESOLVED),  # ± 22: zero and the paper's −10 lie in it
         (+8.0, 9.0, Verdict.UNRESOLVED),
-        (-0.1, 1.0, Verdict.NOT),  # ± 2.5: too small, of whatever sign
+        (-0.1, 1.0, Verdict.NOT),  # ± 2.5: too small, of either sign
         (+8.0, 1.0, Verdict.NOT),
     ],
 )
@@ -101,8 +101,8 @@ def test_it_says_how_many_seeds_would_tell() -> None:
     assert pages.claim_row(never)[-2] == "unresolved: more than 10000 seeds would tell"
 
 
-def test_levels_of_the_same_seeds_are_told_apart_seed_by_seed() -> None:
-    """Each is 1 below the other, whatever its own level: the order is resolved only where the seeds are known."""
+def test_levels_of_the_same_seeds_are_separated_seed_by_seed() -> None:
+    """Each is 1 below the other, at any level: the order is resolved only where the seeds are known."""
     cells = ("a", 1.0, 0.1, 2.0, 2.0), ("b", 2.0, 0.1, 3.0, 2.0)
     assert judge(claim(), results(*cells)).verdict is Verdict.UNRESOLVED
     found = results(*cells)
@@ -167,7 +167,7 @@ def test_a_difference_without_a_spread_has_none() -> None:
 
 
 def test_contradictions_of_the_paper_need_no_figure() -> None:
-    """They are excluded whatever came out."""
+    """They are excluded with any result."""
     assert judge(claim(measure=None, excluded=True), results()).verdict is Verdict.EXCLUDED
 
 

@@ -32,7 +32,7 @@ def trace(robot: str, *, power: float = 0.0, share: float = 1.0) -> MissionTrace
 def made(
     entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, traces: dict[str, MissionTrace], **changed
 ) -> Findings:
-    """What an entry finds in these missions."""
+    """Findings of an entry in these missions."""
     found = missions.Mission(
         **{"traces": traces, "electrical": ElectricalCfg(), "thermal": ThermalCfg(), "battery": BatteryCfg(),
            "misfit": 16.0, "held": 0.43, "arrivals": [],
@@ -51,7 +51,7 @@ def row(found: Findings, condition: str, quantity: str) -> Comparison:
 def test_claims_take_the_least_reduction_from_the_paper(
     share: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """What saves 40 % more than the paper saves at least its share, and the sentence says so."""
+    """A saving 40 % above the paper's saves at least its share, and the sentence says so."""
     traces = {robot: trace(robot) for robot in paper.ROBOTS}
     traces["mr_go_sal"] = trace("mr_go_sal", share=share)
     claims = made(fig10, monkeypatch, tmp_path, traces).claims
@@ -64,7 +64,7 @@ def test_claims_take_the_least_reduction_from_the_paper(
 def test_a_power_is_held_against_the_misfit(
     off: float, place: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Of Go1's calibration rows; SAL's rows tell the saving instead."""
+    """Of Go1's calibration rows; SAL's rows show the saving instead."""
     found = made(fig10, monkeypatch, tmp_path, {robot: trace(robot, power=off) for robot in paper.ROBOTS})
     assert row(found, "MR_Go, outbound", "power").why.startswith(place)
     assert "SAL saves 55 W here and 55 W in the paper" in row(found, "MR_Go-SAL, outbound", "power").why
@@ -94,7 +94,7 @@ def test_a_robot_stands_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert row(found, "MR_Go, outbound", "power").n == 3
 
 
-def test_figure11_tells_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_figure11_reports_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Ours next to table 7's, whichever is longer; without ours, neither."""
     traces = {robot: trace(robot, share=1.1) for robot in paper.ROBOTS}
     why = row(made(fig11, monkeypatch, tmp_path, traces, held=0.2), "MR_Go, calves, both walks", "rise").why
@@ -113,14 +113,14 @@ def test_lost_windows_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     phases = {"go1": dict.fromkeys(PHASES, whole), "mr_go": {**dict.fromkeys(PHASES, whole)}}
     assert missions.arrivals(phases) == []
     phases["mr_go"]["return"] = replace(whole, fell=1, late=1)
-    told = missions.arrivals(phases)
-    assert told == [
+    noted = missions.arrivals(phases)
+    assert noted == [
         "Only trials that arrived count. MR_Go, return: 1 fell and 1 came too late of 3. A repetition counts if it "
         "finished both ways."
     ]
     for entry in (fig10, fig11):
-        found = made(entry, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS}, arrivals=told)
-        assert found.notes[0] == told[0]
+        found = made(entry, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS}, arrivals=noted)
+        assert found.notes[0] == noted[0]
 
 
 def test_a_change_has_the_spread_of_both_robots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ CHANGE = "MR_Go to MR_Go-SAL, depletion"
 
 
 def test_cool_hips_are_explained_by_the_price(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The same robot's walks by policies that pay and that do not stand in one sentence."""
+    """One robot's walks by policies that pay and that do not stand in one sentence."""
     reasons = made(fig11, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS}).reasons
     shares = "5 % where policies pay 0.002 per watt and 30 % where policies pay nothing per watt"
     assert shares in reasons["mission.all_heat"]

@@ -22,7 +22,7 @@ PART = {
 
 
 def test_committed_pages_are_those_of_the_committed_results() -> None:
-    """What ``make lint`` asks."""
+    """The check of ``make lint``."""
     assert pages.fill(check=True) == []
 
 

@@ -1,4 +1,4 @@
-"""The paper against itself: each closed form beside a number that is computed another way."""
+"""The paper against itself: each closed form against a number that is computed another way."""
 
 from dataclasses import asdict
 

@@ -1,4 +1,4 @@
-"""Entries that read the walks, on made-up trials: what fell or came late is told, and no claim holds without it."""
+"""Entries that read the walks, on made-up trials: falls and late arrivals are reported, else no claim holds."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -54,7 +54,7 @@ def walked(robot: str, payload: float, command: float, trial: np.ndarray = TRIAL
 def _square(power: float, speed: float = 0.0) -> float:
     """Torque squared [(N·m)^2] of motors that draw a power [W] at a speed [rad/s], for some resistance.
 
-    Beside them stand electronics of 60 W and 1 N·m of drive friction.
+    They also have electronics of 60 W and 1 N·m of drive friction.
     """
     return 0.25 * (power - 60.0 - 12.0 * speed)
 
@@ -99,7 +99,7 @@ def job(folder: Path) -> Job:
 
 
 def made(entry, folder: Path) -> Findings:
-    """What an entry finds in the walks of a folder."""
+    """Findings of an entry in the walks of a folder."""
     return entry(job(folder))
 
 
@@ -119,9 +119,9 @@ def test_no_claim_holds_without_every_condition(entry, robot: str, tmp_path: Pat
     found = made(entry, folder(tmp_path, walked(robot, 3.0, 0.5, TRIALS[:0], late=2)))
     own = [holds for name, holds in found.claims.items() if not name.startswith("a device that sticks")]
     assert own and not any(own)
-    told = [note for note in found.notes if "fell" in note]
+    noted = [note for note in found.notes if "fell" in note]
     name = paper.NAMES[robot]
-    assert told == [
+    assert noted == [
         f"Only trials that arrived count. {name}, 3 kg, 0.5 m/s: 7 fell and 2 came too late of 9, which leaves no "
         "figure."
     ]
@@ -164,7 +164,7 @@ def test_one_surviving_policy_is_one_seed(tmp_path: Path) -> None:
 
 
 def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
-    """A policy that lost two of its three trials weighs as much as the others, in the row and in its COT alike."""
+    """A policy that lost two of its three trials weighs as much as the others, both in the row and in its COT."""
     left = walked("mr_go_sal", 0.0, 0.3, np.array([0, 1, 2, 4, 5, 7, 8]))
     left = replace(
         left, joints=replace(left.joints, torque_square=left.joints.torque_square * (1 + left.trial % 3)[:, None])
@@ -176,14 +176,14 @@ def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
     assert reduction.n == 3
 
 
-def test_lost_trials_of_every_walk_are_told(tmp_path: Path) -> None:
+def test_lost_trials_of_every_walk_are_reported(tmp_path: Path) -> None:
     """Also of those that only a table next to the rows reads."""
     found = walks.read(job(folder(tmp_path)))
     fallen = [walked("mr_go_sal", 3.0, 0.5, TRIALS[1:])]
     found.results.update(no_power_price=fallen, both=fallen)
-    told = found.arrivals("both", "constraint_coupling", "no_power_price")
+    noted = found.arrivals("both", "constraint_coupling", "no_power_price")
     note = "Only trials that arrived count. MR_Go-SAL, 3 kg, 0.5 m/s: 1 fell and 0 came too late of 9."
-    assert told == [note, f"Table 2's policies: {note}"]
+    assert noted == [note, f"Table 2's policies: {note}"]
 
 
 def test_friction_that_is_hidden_in_go1s_rows_is_told(tmp_path: Path) -> None:

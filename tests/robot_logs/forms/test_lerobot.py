@@ -104,7 +104,7 @@ def test_units_are_asked_for_and_shares_of_a_range_are_refused(
     assert is_robot_log(path)
     for words, said in (
         ([], "does not say the unit of observation.state (values -40 to 50) .. --units q=deg .. --units q=rad"),
-        (["--units", "q=range_m100_100"], "share of the range .. cannot be used without that calibration"),
+        (["--units", "q=range_m100_100"], "share of the robot's calibrated range .. convert it by the calibration's"),
         (["--units", "q=rad"], "angles of up to 39.99 rad .. degrees? .. into the map, or give it by --units"),
         (["--units", "q=furlong"], "q in 'furlong'; allowed: rad, deg"),
     ):

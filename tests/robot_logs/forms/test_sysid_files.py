@@ -48,7 +48,7 @@ def test_columns_are_joints_by_the_map(form: str, tmp_path: Path, capsys: pytest
     files.mkdir()
     file = pace(files / "chirp.pt") if form == "pace" else isaac(files / "chirp.csv")
     assert is_robot_log(file) and is_robot_log(files)
-    with pytest.raises(RecordingError, match=r'which joints its 2 columns are; .*"joints": \[.*--map'):
+    with pytest.raises(RecordingError, match=r'name the joints of its 2 columns; .*"joints": \[.*--map'):
         open_log(file)
     (files / "map.json").write_text(json.dumps(MAP))
     log = open_log(file)
@@ -57,7 +57,7 @@ def test_columns_are_joints_by_the_map(form: str, tmp_path: Path, capsys: pytest
     np.testing.assert_allclose(log.runs[0].joint["q_des"], Q + 0.1, atol=1e-6)
     assert ("qd" in log.runs[0].joint) == (form == "isaac")
     assert any("angles are taken in rad" in note for note in log.notes)
-    with pytest.raises(RecordingError, match="its robot, two.xml, does not lie beside it"):
+    with pytest.raises(RecordingError, match="its robot, two.xml, does not lie next to it"):
         robot_of(log, None)
     (files / "two.xml").write_text("<mujoco/>")
     assert robot_of(log, None) == files / "two.xml"
