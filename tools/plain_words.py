@@ -14,8 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 WORDS = {
     r"beside": "next to, compared with, in addition to",
     r"besides": "also, in addition",
-    r"told": "reported, informed",
-    r"tells?|telling": "says, shows, distinguishes, asks for",
+    r"told|tells?|telling": "report, show, distinguish, ask for",
     r"apart": "separate, distinguish, except",
     r"alike": "identical, similar, both",
     r"anew": "again",
@@ -34,13 +33,12 @@ LONGEST = 30
 ALLOWED: dict[tuple[str, str], str] = {
     ("benchmarks/perf/measure.py", '"beside"'): "key of result files of `mrwarp perf`",
     ("mrwarp/nn/network_file.py", '"beside"'): "key in the metadata of network files",
+    ("tests/identify/test_monitor.py", '"told"'): "key of `mrwarp study ageing`'s files",
 }
 """File and a piece of its line that stay, with the reason."""
 NOT_COVERED: tuple[str, ...] = (
     "CHANGELOG.md", "docs/robot_logs.md", "docs/beyond.md", "docs/choices.md", "docs/diagnosis.md", "docs/policies.md",
-    "docs/reproduce.md", "docs/energy.md", "mrwarp/commands", "mrwarp/diagnose", "mrwarp/identify", "paper/reproduce",
-    "mrwarp/robot_logs", "paper/study", "paper/commands", "tests/diagnose", "tests/identify", "tests/paper",
-    "tests/robot_logs",
+    "docs/reproduce.md", "docs/energy.md", "paper/", "tests/paper",
 )  # fmt: skip
 """Files and folders that are not yet plain; the check says so."""
 FILES = ("*.py", "*.md", "*.toml", "*.jinja", "Makefile", ".ci/run")

@@ -1,4 +1,4 @@
-"""What does the simulation get wrong, and why: ``mrwarp diagnose``, and in Python ``mrwarp.diagnose(...)``."""
+"""Errors of a joint's simulation, and their causes: ``mrwarp diagnose``, and in Python ``mrwarp.diagnose(...)``."""
 
 import importlib
 import sys

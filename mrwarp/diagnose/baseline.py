@@ -55,8 +55,8 @@ acceleration of fewer is too small by a tenth and more."""
 _BEGUN = 0.8
 """Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
 _FEW_RESTS, _GROWS = 4, 0.05
-"""Fewest rests that tell a drive from a bench, and by how much the torque grows in the typical one, as a share of its
-standard deviation."""
+"""Fewest rests that distinguish a drive from a bench, and by how much the torque grows in the typical one, as a share
+of its standard deviation."""
 _SAME_CURRENT = 0.02
 """Change of the control input, as a share of its largest value, up to which it stays the same."""
 _TRIED = (0.25, 0.5, 0.75, 1.0)
@@ -281,7 +281,7 @@ def driven(motion: Motion) -> bool:
     """Whether the torque of a joint that is held still grows in its rests: a drive applies it, and the joint sticks.
 
     A device that a bench moves can only relax while it stands, unless its control input changes. A torque that grows
-    all the same comes from a drive, and static friction balances it, whatever it is: no law of the motion knows it.
+    all the same comes from a drive, and static friction balances it at any size: no law of the motion knows it.
     """
     size = motion.torque.std()
     rises = []
@@ -322,7 +322,7 @@ def begin_under_way(problem: Problem, fit: Fit) -> Problem:
 def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     """Smooth the motion more where a model with an inertia then predicts the torque clearly better.
 
-    Of an acceleration that is derived from a coarse angle, what is quick is noise. The angle cannot tell: it is the
+    Of an acceleration that is derived from a coarse angle, what is quick is noise. The angle cannot show it: it is the
     torque of an inertia that shows which part of it was motion. Where friction turns round, the torque of a bench
     jumps, but that of a drive does not: the acceleration does. The smoother spreads that jump, so those samples of a
     joint that sticks, or that a drive moves against a load, do not count.

@@ -1,4 +1,4 @@
-"""Shifts of calibration: whether the re-fitted eq. 14 lies off its nominal values along one telling direction.
+"""Shifts of calibration: whether the re-fitted eq. 14 lies off its nominal values along one clear direction.
 
 Re-fitting takes up a bias, a gain or an offset without a trace, so only nominal parameters can show them. Nominal
 values vary from device to device; what they may is 2 % each, and 3 mN·m of D for a joint of the paper's size.
@@ -20,17 +20,17 @@ from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording
 
 SPREAD = 0.02
-"""What a parameter may differ from device to device, one standard deviation [1]."""
+"""Spread of a parameter from device to device, one standard deviation [1]."""
 BIAS_SPREAD = 0.0008
-"""What D may differ, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
+"""Spread of D, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
 OTHER_DEVICE = 0.2
-"""What each parameter may differ where the nominal values are those of another device, one standard deviation [1]."""
+"""Spread of each parameter where the nominal values are those of another device, one standard deviation [1]."""
 _MARGIN = 11.0
 """Logarithm of the odds that a single shift must have against another device; of real shifts it is 17 to 20."""
 _DROP, _LEFT = 16.0, 22.0
 """Least chi-squared that a shift takes away, and most that it may leave."""
-_APART = 6.0
-"""Difference of chi-squared from which two shifts are told apart."""
+_DISTINCT = 6.0
+"""Difference of chi-squared from which two shifts are distinguished."""
 
 
 def calibration_shifts(fit: Fit, motion: Motion, recording: Recording, model: Model | None) -> tuple[Shift, ...]:
@@ -57,14 +57,14 @@ def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float) -> S
     """
     speed = fit.parameters.ranges.qd
     centre = base_vector(nominal, speed)
-    apart = [base_vector({**nominal, name: nominal[name] * (1.0 + SPREAD)}, speed) - centre for name in SHAPE]
+    steps = [base_vector({**nominal, name: nominal[name] * (1.0 + SPREAD)}, speed) - centre for name in SHAPE]
     delta = fit.x[BASE_PART] - centre
     prior = np.maximum(SPREAD * np.abs(centre[LINEAR_PART]), 1e-9)
     biases = [LINEAR.index("D"), LINEAR.index("I1")]  # I1 is a bias that grows with the current
     prior[biases] = np.maximum(prior[biases], BIAS_SPREAD * torque_range)
     device = np.zeros((len(delta), len(delta)))
     device[LINEAR_PART, LINEAR_PART] = np.diag(prior**2)
-    device[SHAPE_PART, SHAPE_PART] = sum(np.outer(step, step) for step in np.array(apart)[:, SHAPE_PART])
+    device[SHAPE_PART, SHAPE_PART] = sum(np.outer(step, step) for step in np.array(steps)[:, SHAPE_PART])
     measured = covariance(fit)[BASE_PART, BASE_PART]
     weight = np.linalg.inv(measured + device)
     whole = float(delta @ weight @ delta)
@@ -83,7 +83,7 @@ def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float) -> S
     shifted = _log_likelihood(delta, measured + device) + 0.5 * (whole - left)
     if shifted < _log_likelihood(delta, measured + (OTHER_DEVICE / SPREAD) ** 2 * device) + _MARGIN:
         return None
-    near = tuple(r[1] for r in rank[1:] if r[0] - left < _APART)
+    near = tuple(r[1] for r in rank[1:] if r[0] - left < _DISTINCT)
     value = size if name == "torque_bias" else 1.0 + size
     if name == "torque_bias":
         near = ("encoder_offset", "friction_asymmetry", *near)

@@ -1,4 +1,4 @@
-"""What a recording cannot answer: found before any fit, or by what a finished search predicts."""
+"""Questions that a recording cannot answer: found before any fit, or by what a finished search predicts."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds
     )
 
 
-def doubts(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
+def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
     """Reasons not to believe a finished search: nothing is explained, or the extension predicts no better."""
     power = float(problem.weight @ (problem.measured - problem.measured.mean()) ** 2) or 1.0
     before, after = (float(np.sqrt(errors.sum() / power)) for errors in (found.baseline, found.extended))
@@ -89,7 +89,7 @@ def doubts(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
 
 
 def gaps(recording: Recording) -> list[str]:
-    """What cannot be known although a verdict can be given; each names the recording to make."""
+    """Questions left open although a verdict can be given; each names the recording to make."""
     runs = recording.trajectories
     current = np.concatenate([run.current for run in runs])
     top = float(np.abs(current).max())

@@ -1,4 +1,4 @@
-"""What the steps of a diagnosis amount to: causes, structure left over, what could have shown, the extended model."""
+"""Results of a diagnosis' steps: causes, structure left over, what could have shown, the extended model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
-from mrwarp.diagnose.proof import Doubt, without_effect
+from mrwarp.diagnose.proof import Rejection, without_effect
 from mrwarp.diagnose.residual_structure import Line
 from mrwarp.diagnose.result import (
     REGIMES,
@@ -53,7 +53,7 @@ _CLEARLY = 2.0
 _BEYOND_DOUBT = 5.0
 """Gain, in thresholds, above which it is reported although a few trajectories carry it."""
 _SHARE = 0.2
-"""Part of the predictable mismatch above which what is left beside named effects is reported."""
+"""Part of the predictable mismatch above which the rest next to named effects is reported."""
 
 _UNSEEN = {
     **dict.fromkeys(("coil_lag", "command_delay", "remanence"), "the current hardly changes within a trajectory"),
@@ -68,14 +68,14 @@ _TAKEN_UP = "re-fitting eq. 14 takes it up without a trace; only nominal paramet
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What each step found."""
+    """Findings of each step."""
 
     recording: Recording
     faults: tuple[RecordingFault, ...] = ()
-    """What was wrong with the recording, and was taken out of it."""
+    """Faults of the recording that were taken out of it."""
     problem: Problem
     selection: Selection
-    doubted: tuple[Doubt, ...] = ()
+    rejected: tuple[Rejection, ...] = ()
     """Effects that the search found, but that are not proven."""
     baseline: Fit
     """The baseline as it is reported."""
@@ -173,7 +173,7 @@ def _accounting(found: Findings, structure: bool) -> Accounting:
 
 
 def _repeatable(found: Findings) -> Unexplained | None:
-    """What repeats without a name, where the account says that it is much."""
+    """The part that repeats without a name, where the account says that it is much."""
     account = found.account
     if account is None or not account.open:
         return None
@@ -205,10 +205,12 @@ def causes_of(selection: Selection, model: Model) -> tuple[Cause, ...]:
 def suspects_of(found: Findings) -> tuple[Suspect, ...]:
     """Effects that fit but are not proven, with their numbers where they were found."""
     suspects = []
-    for doubt in found.doubted:
-        model = outer_model(found.problem, doubt.fit, found.recording, found.seed)
-        numbers = _numbers(next(e for e in model.effects if e.name == doubt.effect))
-        suspects.append(Suspect(name=doubt.effect, reason=doubt.reason, parameters=numbers, gain=doubt.gain))
+    for rejection in found.rejected:
+        model = outer_model(found.problem, rejection.fit, found.recording, found.seed)
+        numbers = _numbers(next(e for e in model.effects if e.name == rejection.effect))
+        suspects.append(
+            Suspect(name=rejection.effect, reason=rejection.reason, parameters=numbers, gain=rejection.gain)
+        )
     return tuple(suspects)
 
 
@@ -236,8 +238,8 @@ def unexplained_of(selection: Selection, line: Line | None) -> Unexplained | Non
         return None
     if line is not None and line.gain > gain:
         return Unexplained(depends_on=("frequency",), form=f"a line at {line.frequency:.2f} Hz", share=share)
-    telling = [f for f in left[:3] if f.gain > 0.5 * left[0].gain]
-    variables = dict.fromkeys(v for f in telling for v in f.group.variables)
+    clear = [f for f in left[:3] if f.gain > 0.5 * left[0].gain]
+    variables = dict.fromkeys(v for f in clear for v in f.group.variables)
     return Unexplained(depends_on=tuple(variables), form=left[0].group.form, share=share)
 
 
@@ -268,7 +270,7 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
 
 def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
     """Every candidate and what came of it."""
-    problem, selection, doubted = found.problem, found.selection, {x.effect: x.reason for x in found.doubted}
+    problem, selection, rejected = found.problem, found.selection, {x.effect: x.reason for x in found.rejected}
     named, rivals = {c.name for c in causes}, {a for c in causes for a in c.alternatives}
     base, rows = selection.base, []
     for c in selection.screened:
@@ -276,10 +278,10 @@ def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
         gain, error = float(d.sum()), float(np.std(d, ddof=1) * np.sqrt(len(d)))
         if c.effect in named:
             outcome = "named"
-        elif c.effect in doubted:
-            outcome = f"suspect: {doubted[c.effect]}"
+        elif c.effect in rejected:
+            outcome = f"suspect: {rejected[c.effect]}"
         elif c.effect in rivals:
-            outcome = "alternative: these data cannot tell it from the cause named"
+            outcome = "alternative: these data cannot distinguish it from the cause named"
         elif gain < threshold(base):
             outcome = "rejected: gains no more than noise would"
         elif named:
@@ -296,7 +298,7 @@ def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
 
 
 def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
-    """What a reader has to know besides."""
+    """Further notes for a reader."""
     notes, runs, motion = [], found.recording.trajectories, found.problem.motion
     derived = sum(run.qd_derived for run in runs)
     if derived:
@@ -316,7 +318,7 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
     if still is not None and sticks(found.problem):
         notes.append(
             f"the joint sticks in {100 * still.mean():.0f} % of the samples while the torque of its drive changes: "
-            "static friction balances whatever it is there, so they do not count"
+            "static friction balances it, so they do not count"
         )
     if reversing is not None and reversing.any() and not found.problem.weight[reversing].any():
         moving = reversing if still is None else reversing & ~still
@@ -333,7 +335,7 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
         milliseconds = 1e3 * motion.ahead * motion.ranges.dt
         notes.append(
             f"torque is logged {motion.ahead:.2f} samples ({milliseconds:.2g} ms) ahead of the motion, as where a "
-            "command is logged that is held until the next sample; the motion was taken that much later"
+            "command is held until the next sample; the motion was taken that much later"
         )
     return tuple(notes)
 

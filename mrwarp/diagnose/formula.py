@@ -107,7 +107,7 @@ def _selected(
     left = total = float(target @ target)
 
     def fitted(terms: list[str]) -> tuple[float, np.ndarray]:
-        """What terms leave of the mean square, and their factors."""
+        """Rest of the mean square after terms, and their factors."""
         use = np.stack([table[term] for term in terms], axis=1)
         factors = np.linalg.lstsq(use, target, rcond=1e-8)[0]
         return float(((target - use @ factors) ** 2).sum()), factors
@@ -120,7 +120,7 @@ def _selected(
             break
         left = trials[best]
         chosen.append(best)
-    for term in list(chosen):  # an early term may have become idle beside later ones
+    for term in list(chosen):  # an early term may have become idle next to later ones
         rest = [other for other in chosen if other != term]
         if rest and fitted(rest)[0] < left + 0.01 * total:
             chosen, left = rest, fitted(rest)[0]

@@ -1,4 +1,4 @@
-"""What models predict of data that took no part: trajectories left out in turn, and other recordings of the device.
+"""Predictions of held-out data: trajectories left out in turn, and other recordings of the device.
 
 Every trajectory is predicted once, by the baseline and by the extension as they are reported, each fitted again to the
 other trajectories by their normal equations. Where these would not have chosen the extension, the baseline stands for
@@ -95,13 +95,13 @@ class Account:
     """Where the baseline's squared mismatch on unseen trajectories goes; the three shares add up to 1."""
 
     named: Share
-    """What the named effects take away."""
+    """Share that the named effects take away."""
     repeatable: Share
-    """What no named effect takes away, but a predictor without any law foretells on trajectories it never saw."""
+    """Share that no named effect takes away, but a predictor without any law predicts on held-out trajectories."""
     not_repeatable: Share
-    """What differs where the motion comes again; where it never does, what such a predictor cannot foretell."""
+    """Differences between repeats of the same motion; without repeats, the share that such a predictor misses."""
     left: float
-    """What the predictor leaves, as a share of the measured torque's standard deviation [1]."""
+    """Error of the predictor, as a share of the measured torque's standard deviation [1]."""
     cycle_spread: float | None
     """Spread of the torque where the same motion comes again, as such a share; None where it hardly ever does."""
     learnable: Share
@@ -127,27 +127,27 @@ class Account:
 
 MUCH = 0.1
 """Share of the mismatch that may repeat without being reported."""
-_CLEARLY, _CLEARLY_BESIDE_A_LAW = 0.5, 2 / 3
+_CLEARLY, _CLEARLY_WITH_A_LAW = 0.5, 2 / 3
 """Ratio of squares below which what differs where a motion comes again is clearly less than what boosting leaves: noise
-that differs from run to run, such as a moved zero, is not in the former. Beside a law of another shape, the latter:
+that differs from run to run, such as a moved zero, is not in the former. Next to a law of another shape, the latter:
 much of what boosting leaves there is the law's own rest."""
 
 
-def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> np.ndarray:
-    """What no predictor foretells of the torque on trajectories it never saw, at the samples that boosting looks at.
+def not_predicted(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> np.ndarray:
+    """Torque on held-out trajectories that no predictor gives, at the samples that boosting looks at.
 
-    Gradient boosting on other trajectories foretells what the extended model leaves, and where that is much also beside
+    Gradient boosting on other trajectories predicts the extended model's rest, and where that is much also next to
     smooth functions, and the torque itself; the best of these counts. Normalised units, shape (M,).
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
-    told = partial(cross_predicted, motion, at, seed=seed, threads=problem.replay.threads)
-    after, beside = motion.torque - held.predicted_extended, [held.predicted_extended]
-    left = _left(after, told(after, extra=beside), at)
+    predicted_by = partial(cross_predicted, motion, at, seed=seed, threads=problem.replay.threads)
+    after, signals = motion.torque - held.predicted_extended, [held.predicted_extended]
+    left = _left(after, predicted_by(after, extra=signals), at)
     if float(left @ left) < (1.0 - MUCH) * float(np.sum(after[at] ** 2)):
         smooth = np.vstack([group.rows for group in groups_along(problem, extended) if not group.slow])
-        more = _left(after, told(after, extra=beside, smooth=smooth), at)
-        direct = _left(motion.torque, told(motion.torque), at)
+        more = _left(after, predicted_by(after, extra=signals, smooth=smooth), at)
+        direct = _left(motion.torque, predicted_by(motion.torque), at)
         left = min(left, more, direct, key=lambda x: float(x @ x))
     if problem.replay.threads > 1:
         end_processes()
@@ -165,9 +165,9 @@ def account_of(
 ) -> Account:
     """Divide the mismatch into what is named, what repeats all the same and what does not repeat.
 
-    What does not repeat is never "what is left" but what is :func:`not_foretold`. Where the same motion comes again and
+    Only :func:`not_predicted` torque counts as not repeatable. Where the same motion comes again and
     differs by clearly less, that counts. Where it hardly ever does, the interval reaches down to the noise from sample
-    to sample, which no predictor foretells. ``law`` says whether another law takes the place of eq. 15.
+    to sample, which no predictor gives. ``law`` says whether another law takes the place of eq. 15.
     What the extended model leaves at ``spikes`` does not repeat.
     """
     motion = problem.motion
@@ -182,7 +182,7 @@ def account_of(
     # what spikes leave, as if they were thinned like the samples
     stand = np.zeros(len(motion.dt)) if spikes is None else np.add.reduceat(spikes.at * after**2, motion.start[:-1])
     stand *= len(at) / max(float(np.sum(problem.weight > 0.0)), 1.0)
-    apart, apart_drawn = float(stand.sum()), stand[pick].sum(axis=1)[:, None]
+    spiky, spiky_drawn = float(stand.sum()), stand[pick].sum(axis=1)[:, None]
     spread = float(torque[at].std()) or 1.0
     low, high = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
     total = squares.sum(axis=1)
@@ -190,16 +190,16 @@ def account_of(
     samples = np.bincount(run, minlength=len(motion.dt))[pick].sum(axis=1)
     again, drawn = _spread(problem, after, at, pick)
     drawn = drawn * samples
-    if again is not None and again * len(at) < (_CLEARLY_BESIDE_A_LAW if law else _CLEARLY) * total[2]:
+    if again is not None and again * len(at) < (_CLEARLY_WITH_A_LAW if law else _CLEARLY) * total[2]:
         total[2] = again * len(at)
         draws[:, 2] = drawn
-    ends = np.percentile(_shares(draws + apart_drawn), (2.5, 97.5), axis=0)
+    ends = np.percentile(_shares(draws + spiky_drawn), (2.5, 97.5), axis=0)
     if again is None:
-        floor = np.stack([*draws.T[:2], drawn], axis=1) + apart_drawn
+        floor = np.stack([*draws.T[:2], drawn], axis=1) + spiky_drawn
         floor = np.percentile(_shares(floor), (2.5, 97.5), axis=0)
         ends = np.minimum(ends[0], floor[0]), np.maximum(ends[1], floor[1])
     low[:-1], high[:-1] = ends[0][:-1], ends[1][:-1]
-    shares = np.array([*_shares(total[None] + apart)[0, :-1], learnable])
+    shares = np.array([*_shares(total[None] + spiky)[0, :-1], learnable])
     named, repeatable, rest, learnable = (
         Share(share=float(x), ci95=(float(min(a, x)), float(max(b, x))))
         for x, a, b in zip(shares, low, high, strict=True)
@@ -211,7 +211,7 @@ def account_of(
         left=float(np.sqrt(np.mean(left**2))) / spread,
         cycle_spread=None if again is None else float(np.sqrt(again)) / spread,
         learnable=learnable,
-        spikes=apart / max(float(total[0]) + apart, 1e-300),
+        spikes=spiky / max(float(total[0]) + spiky, 1e-300),
     )
 
 
@@ -231,7 +231,7 @@ def _spread(
 
 
 def _left(target: np.ndarray, predicted: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """What a prediction leaves of a target, shrunk by one factor: what foretells nothing adds no noise."""
+    """Rest of a target after a prediction, shrunk by one factor: a useless prediction adds no noise."""
     size = float(predicted @ predicted)
     factor = float(np.clip(predicted @ target[at] / size, 0.0, 1.0)) if size > 0.0 else 0.0
     return target[at] - factor * predicted
@@ -265,7 +265,7 @@ class Predictor:
     motion: Motion
     """The motion that they were fitted to: its scales, and how its log was read."""
     recording: Recording
-    """What they were fitted to."""
+    """The data to which they were fitted."""
 
     def torque(self, recording: Recording) -> np.ndarray:
         """Torque of both models along all trajectories end to end, shape (2, N) [unit of the recording].

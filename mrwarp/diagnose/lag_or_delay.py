@@ -2,7 +2,7 @@
 
 A log says between which two samples the command changed, not when. Both effects are then the same mean change of the
 first samples after a step. But a delay leaves each of these samples wholly old or wholly new, as the step fell before
-or after, where a lag leaves them anywhere in between: the single steps tell apart what their mean does not.
+or after, where a lag leaves them anywhere in between: the single steps distinguish what their mean does not.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _CLEAR = 6.0
 _VISIBLE = 4.0
 """Smallest change of torque by a step, over the noise."""
 _MODEL_ERROR = 0.03
-"""What the model may be wrong about that change [1]."""
+"""Error of the model in that change [1]."""
 _NEAR = 0.7
 """Part of an effect's gain by which its like may be behind, and single steps still decide between them.
 
@@ -41,9 +41,9 @@ class LagOrDelay:
 
     model: Fit
     excluded: str | None = None
-    """The one of the two that the steps speak against: no alternative, whatever the fits say."""
+    """The one of the two that the steps speak against: no alternative, regardless of the fits."""
     undecided: str | None = None
-    """The one that stays an alternative, whatever the fits say."""
+    """The one that stays an alternative, regardless of the fits."""
     refined: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
     """Parameters, and their intervals, that the steps give better than the fit; normalised units."""
 
@@ -88,20 +88,20 @@ def decided_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOr
 def _refined(steps: StepResponses | None) -> dict[tuple[str, str], tuple[float, float, float]]:
     """The delay by the single steps, where the fit does not have it.
 
-    The fit has a delay of parts of a sample as a mean of two samples. And where all steps fall alike between two
+    The fit has a delay of parts of a sample as a mean of two samples. And where all steps fall equally between two
     samples, as where the log and the command share a clock, every delay up to the next whole sample gives one record.
     """
     if steps is None:
         return {}
     size = size_from(steps, DELAY)
-    _, (apart, _, alike) = _likelihoods(steps, DELAY)
-    if size[0] < 2.0 * steps.dt or alike.max() > apart.max() - 1e-6:  # alike at a whole sample
+    _, (in_parts, _, whole) = _likelihoods(steps, DELAY)
+    if size[0] < 2.0 * steps.dt or whole.max() > in_parts.max() - 1e-6:  # equal at a whole sample
         return {(DELAY, CATALOGUE[DELAY].parameters[0].name): size}
     return {}
 
 
 def more_likely(steps: StepResponses) -> str | None:
-    """The one of the two effects that the single steps speak for, or None where they do not tell."""
+    """The one of the two effects that the single steps speak for, or None where they do not decide."""
     lag, delay = (float(_profile(steps, effect)[1].max()) for effect in (LAG, DELAY))
     if abs(lag - delay) < _CLEAR:
         return None

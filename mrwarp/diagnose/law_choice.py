@@ -1,7 +1,7 @@
 """Which hysteresis law the device follows, asked before any effect: eq. 15, or a published one in its place.
 
-All laws are judged alike: plain simulation error of trajectories left out in turn, each with its own zero of the
-torque. Eq. 14 is preferred. It stands with the best effects of the catalogue beside it, and another law is taken only
+All laws are judged in one way: plain simulation error of trajectories left out in turn, each with its own zero of the
+torque. Eq. 14 is preferred. It is tried with the best effects of the catalogue, and another law is taken only
 if it leaves less error by more than chance over the trajectories *and* by the stated :data:`MARGIN`: a hidden effect
 bends a loop too, and a law of another shape would take that up.
 """
@@ -33,24 +33,25 @@ _SINGLE = "dahl"
 _SAMPLES = 12_000
 """Samples on which laws are compared."""
 _RUNS = 40
-"""Trajectories to which these may fall, where there are many short ones: enough to tell chance from gain."""
+"""Trajectories to which these may fall, where there are many short ones: enough to distinguish chance from gain."""
 _STRUCTURED = 2.5
 """Ratio of the mismatch to the noise from sample to sample below which no law is looked for."""
 _SMALL = 0.05
 """Mismatch, as a share of the torque's standard deviation, up to which a model counts as right but for details."""
 _FEW = 4
-"""Trajectories below which nobody can tell chance from gain."""
+"""Trajectories below which chance and gain cannot be distinguished."""
 _RIVALS = 3
-"""Effects that are tried beside eq. 14."""
+"""Effects that are tried with eq. 14."""
 _ZEROS_SHARE, _ZEROS_GAIN = 0.05, 0.5
 """Spread of the trajectories' zeros, as a share of the torque's, and share of the squared error that letting them go
 takes away, from which the zeros have moved."""
 _GAP = 0.3
 """Share of the zeros' range from which a gap between them parts the moved ones from the others."""
-_BESIDE = "current_viscosity"
-"""What published laws have besides: viscosity in a straight line over the current."""
+_ALSO = "current_viscosity"
+"""Further term of published laws: viscosity in a straight line over the current."""
 _INERTIA = "rotor_inertia"
-"""What bends the loops of all laws: it grows with the square of the frequency, and no law of the path does."""
+"""The effect that bends the loops of all laws: it grows with the square of the frequency, and no law of the path
+does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,15 +64,15 @@ class LawChoice:
     """NRMSE on trajectories left out in turn, each with its own zero, of every law that was tried, with an inertia if
     the recording shows one."""
     rival: float
-    """The same of eq. 14 with the effects that help it most."""
-    beside: tuple[str, ...] = ()
+    """Error of eq. 14 with the effects that help it most."""
+    with_effects: tuple[str, ...] = ()
     """These effects."""
     simpler: bool = False
     """Whether the law was taken as one of fewer numbers than eq. 15 that predicts as well."""
     offsets: Mapping[str, float] = field(default_factory=dict)
     """Zero of each trajectory where another law was taken and they have moved, about most of them [unit of the torque].
 
-    Beside eq. 14 they stay: what a law of the wrong form leaves on average in a trajectory may be its own form.
+    With eq. 14 they stay: the mean rest of a wrong law in a trajectory may be its own form.
     """
 
     @property
@@ -123,7 +124,7 @@ def choose_law(
     small = motion.stretches(_SAMPLES, _RUNS)
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
-    beside = [_BESIDE] if search.levels > 1 and _BESIDE not in problem.impossible else []
+    with_effects = [_ALSO] if search.levels > 1 and _ALSO not in problem.impossible else []
     inertia = [c.effect for c in screened if c.effect == _INERTIA and base.total - c.total > threshold(base)]
     count, spread = float(search.weight.sum()), float(small.torque.std()) or 1.0
 
@@ -134,10 +135,10 @@ def choose_law(
         return float(found.held_out.sum())
 
     laws = {
-        name: law_search(small, q_zero, name, offsets=True, effects=[*beside, *inertia], threads=threads)
+        name: law_search(small, q_zero, name, offsets=True, effects=[*with_effects, *inertia], threads=threads)
         for name in HYSTERESIS
     }
-    alone, paper, effects = _eq_14(search, base, screened, beside, inertia, laws[_SINGLE])
+    alone, paper, effects = _eq_14(search, base, screened, with_effects, inertia, laws[_SINGLE])
     held_out = {"bouc_wen": nrmse(alone)} | {name: nrmse(found) for name, found in laws.items()}
     best = min(laws, key=lambda name: held_out[name])
     near = [name for name in laws if held_out[name] < (1.0 + SIMPLER) * held_out[best]]
@@ -164,7 +165,7 @@ def choose_law(
         name=best if taken or simpler else "bouc_wen",
         held_out=held_out,
         rival=nrmse(paper),
-        beside=effects,
+        with_effects=effects,
         simpler=simpler,
     )
     if not choice.other:
@@ -203,7 +204,7 @@ def _eq_14(
     search: LawSearch,
     base: Fit,
     screened: Sequence[Candidate],
-    beside: list[str],
+    with_effects: list[str],
     inertia: list[str],
     single: Solution,
 ) -> tuple[Solution, Solution, tuple[str, ...]]:
@@ -230,7 +231,7 @@ def _eq_14(
 
     found = []
     for candidate in (None, *[c for c in screened if c.effect not in inertia][:_RIVALS]):
-        solution = descend([*beside, *inertia, *([candidate.effect] if candidate else [])], candidate)
+        solution = descend([*with_effects, *inertia, *([candidate.effect] if candidate else [])], candidate)
         found.append((solution, tuple(e for e in solution.layout.effects if e not in base.effects)))
     return descend(inertia), *min(found, key=lambda item: float(item[0].held_out.sum()))
 
@@ -260,8 +261,8 @@ def _without_zeros(problem: Problem, found: Solution, names: Sequence[str]) -> t
     middle, slope = zero_line(LawSearch(problem.replay, problem.q_zero, offsets=True), zeros)
     zeros -= middle + slope * np.array([motion.current[part].mean() for part in motion.parts])
     moved = np.repeat(zeros, np.diff(motion.start))
-    together, apart = float(np.var(left)), float(np.var(left - moved))
-    if zeros.std() < _ZEROS_SHARE * motion.torque.std() or apart > (1.0 - _ZEROS_GAIN) * together:
+    together, separate = float(np.var(left)), float(np.var(left - moved))
+    if zeros.std() < _ZEROS_SHARE * motion.torque.std() or separate > (1.0 - _ZEROS_GAIN) * together:
         return problem, {}
     corrected = problem.with_motion(replace(motion, torque=motion.torque - moved))
     offsets = {name: float(zero) * motion.scales.torque for name, zero in zip(names, zeros, strict=True)}

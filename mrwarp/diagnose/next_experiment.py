@@ -1,4 +1,4 @@
-"""What a data set could have shown, and the experiment that best separates effects which it cannot tell apart.
+"""Detectable sizes of a data set, and the experiment that best separates effects which it cannot distinguish.
 
 Each of a few standard experiments is simulated with the named effect and fitted with its rival, and the other way
 round, for either may be the truth. The rival also has to go on explaining the data that are there. What it then cannot
@@ -33,10 +33,10 @@ _SLAB = 24
 """Sizes whose signals share one table."""
 
 _CHI2 = 100.0
-"""What the wrong effect has to miss, in units of the noise's variance: four times what decides, for the experiment's
+"""Least miss of the wrong effect, in units of the noise's variance: four times what decides, for the experiment's
 own noise and for models that err."""
 _STEPS = 80
-"""Steps of the current that tell a lag from a delay (:mod:`mrwarp.diagnose.lag_or_delay`)."""
+"""Steps of the current that distinguish a lag from a delay (:mod:`mrwarp.diagnose.lag_or_delay`)."""
 _RUN = (3.0, 10.0)
 """Shortest and longest run [s]."""
 _RUNS = 4
@@ -85,13 +85,13 @@ STANDARD: dict[str, Standard] = {
 }
 
 _CURRENTS = {
-    "steps": "step the {name} at odd moments, 0.2 to 0.5 s apart, to and fro between its lowest and its highest third, "
+    "steps": "step the {name} at odd moments, every 0.2 to 0.5 s, to and fro between its lowest and its highest third, "
     "up to {top},",
     "staircase": "raise and lower the {name} in eight slow steps up to {top}",
     "levels": "hold the {name} at another level in each run, from 0 to {top},",
     "none": "leave the {name} at 0",
 }
-"""What is done with the current."""
+"""Programme of the current."""
 
 
 class _Pair(NamedTuple):
@@ -104,7 +104,7 @@ class _Pair(NamedTuple):
 
 
 def propose(problem: Problem, selection: Selection, seed: int) -> NextExperiment | None:
-    """The experiment for the first named effect whose rivals one can tell; None where nothing is left open."""
+    """The experiment for the first named effect whose rivals can be distinguished; None where nothing is left open."""
     for effect, rivals in selection.alternatives.items():
         if not rivals:
             continue
@@ -151,7 +151,7 @@ def _starts(problem: Problem, fit: Fit, effect: str) -> list[tuple[np.ndarray, Q
                 x = fit.x.copy()
                 x[i] = np.clip(x[i] + away, p.low[i], p.high[i])
                 if abs(x[i] - fit.x[i]) > 0.5 * abs(away):
-                    points.append(_beside(problem, p, x, i))
+                    points.append(_held_still(problem, p, x, i))
     found = [Quadratic.of(problem.linearised(p, x)[-1].total) for x in points]
     least = found[0].loss
     found[0] = dataclasses.replace(found[0], descent=np.zeros(p.size))  # the fit is the best
@@ -159,7 +159,7 @@ def _starts(problem: Problem, fit: Fit, effect: str) -> list[tuple[np.ndarray, Q
     return [(x, data) for x, data in zip(points, away, strict=True) if data.loss < _FAR]
 
 
-def _beside(problem: Problem, p: Parameters, x: np.ndarray, held: int) -> np.ndarray:
+def _held_still(problem: Problem, p: Parameters, x: np.ndarray, held: int) -> np.ndarray:
     """One step towards the best numbers with one of them held."""
     here = Quadratic.of(problem.linearised(p, x)[-1].total)
     free = [k for k in range(p.size) if k != held]
@@ -169,7 +169,7 @@ def _beside(problem: Problem, p: Parameters, x: np.ndarray, held: int) -> np.nda
 
 
 def _least_missed(problem: Problem, motion: Motion, pairs: list[_Pair]) -> float:
-    """What a wrong model cannot imitate of its true one in an experiment, in units of the noise's variance."""
+    """Misfit of a wrong model to its true one in an experiment, in units of the noise's variance."""
     least = []
     for pair in pairs:
         torque = EffectReplay(motion).torque(pair.true.row)[0].astype(float)
@@ -294,7 +294,7 @@ def _exact(like: Motion, **arrays: np.ndarray) -> Motion:
 
 
 def _rest_and_repeat(problem: Problem, pairs: list[_Pair], names: tuple[str, ...]) -> NextExperiment:
-    """What is lost by warmth comes back in a rest, what is lost by wear does not."""
+    """A loss by warmth comes back in a rest, a loss by wear does not."""
     like, rest = problem.motion, _rest_for(pairs)
     count = len(like.parts)
     missed, runs = 0.0, min(_REPEATS[0], count)

@@ -22,10 +22,10 @@ from mrwarp.diagnose.baseline import (
 from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.checks.recording_faults import recording_faults, zeros_about
 from mrwarp.diagnose.checks.spikes import spikes_of
-from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
+from mrwarp.diagnose.data_checks import hindrances, rejections, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.first_answer import being_checked, first_answer
-from mrwarp.diagnose.held_out import account_of, hold_out, not_foretold
+from mrwarp.diagnose.held_out import account_of, hold_out, not_predicted
 from mrwarp.diagnose.law_choice import choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit
@@ -63,8 +63,8 @@ def diagnose(
     Args:
         recording: Measured runs.
         model: The device as it should be: its parameters are nominal for shifts of calibration, its effects are part
-            of the baseline. None: the paper's joint where the units are its own. What it knows besides, such as the
-            holding law, the models of the result know too.
+            of the baseline. None: the paper's joint where the units are its own. Its further knowledge, such as the
+            holding law, is kept in the models of the result.
         holding: Break-away torques, for eq. 18 of those models; they count before the model's.
         effects: Effects that may be named, of the catalogue; None: all of it.
         seed: Seed of every draw (starts, resampling).
@@ -102,8 +102,8 @@ def diagnose(
         first, base = plain_problem(other, other_base)
         if not misfits(first, base):
             first, base = judged(first, base, log)
-    spoilt = first.misfit
-    if misfits(first, base) and not spoilt:  # whitened differences would decide by what is quick
+    misfit_first = first.misfit
+    if misfits(first, base) and not misfit_first:  # whitened differences would decide by what is quick
         log("the mismatch is structured: plain simulation error decides")
         first, base = with_learned_noise(replace(first, misfit=True), base)
     if first is not as_whitened:
@@ -120,7 +120,7 @@ def diagnose(
         if smooth.motion is not problem.motion:
             log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
         problem, best = smooth, refit(smooth, best)
-    # beside a large misfit any of its harmonics would pass for a line
+    # next to a large misfit any of its harmonics would pass for a line
     line = None if problem.misfit else find_line(problem, best)
     if line:
         log(f"a line at {line.frequency:.2f} Hz is set aside")
@@ -128,7 +128,7 @@ def diagnose(
         best = refit(problem, best)
     if problem is not first or best is not base:
         log(f"noise without {', '.join(best.effects) or 'line'}")
-        misfit = spoilt or (problem.misfit and misfits(problem, best))
+        misfit = misfit_first or (problem.misfit and misfits(problem, best))
         problem, best = with_learned_noise(replace(problem, misfit=misfit), best)
     aligned = align_clocks(problem, best)
     if aligned is not problem:
@@ -139,8 +139,8 @@ def diagnose(
         screened = screen_candidates(problem, base, candidates)
 
     models = Models(problem, base)
-    selection, doubted = select_proven(models, screened, log)
-    most = doubted[0].fit if doubted else selection.final
+    selection, rejected = select_proven(models, screened, log)
+    most = rejected[0].fit if rejected else selection.final
     noise = learn_noise(problem, most)
     if noise.gain < _TIGHTER * problem.noise.gain:  # the causes together leave less than the first of them did
         log(f"noise without {', '.join(most.effects)}")
@@ -148,22 +148,22 @@ def diagnose(
         base = refit(problem, base)
         screened = screen_candidates(problem, base, candidates)
         models = Models(problem, base)
-        selection, doubted = select_proven(models, screened, log)
+        selection, rejected = select_proven(models, screened, log)
     baseline, extended = models.reported(selection.base), models.reported(selection.final)
     held_out = hold_out(problem, selection, baseline, extended)
-    reasons = doubts(held_out, selection, problem)
+    reasons = rejections(held_out, selection, problem)
     if reasons:
         return replace(without_verdict(recording, reasons, seed, time.perf_counter() - begun), recording_faults=faults)
     log("what repeats")
-    unforetold = not_foretold(problem, held_out, extended, seed)
-    account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law), spikes=spikes)
+    unpredicted = not_predicted(problem, held_out, extended, seed)
+    account = account_of(problem, held_out, unpredicted, seed, law=bool(base.parameters.law), spikes=spikes)
     selection, parts = without_parts(models, selection, account)
     if parts:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
-        doubted += parts
+        rejected += parts
         extended = models.reported(selection.final)
         held_out = hold_out(problem, selection, baseline, extended)
-        account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law), spikes=spikes)
+        account = account_of(problem, held_out, unpredicted, seed, law=bool(base.parameters.law), spikes=spikes)
     shifts: tuple[Shift, ...] = ()
     if not base.parameters.law:
         shifts = calibration_shifts(selection.final, problem.motion, recording, model)
@@ -176,7 +176,7 @@ def diagnose(
         faults=faults,
         problem=problem,
         selection=selection,
-        doubted=doubted,
+        rejected=rejected,
         baseline=baseline,
         extended=extended,
         held_out=held_out,
@@ -197,7 +197,7 @@ def diagnose(
 
 
 def _completed(fitted: Model, nominal: Model | None, holding: Holding | None, known: Mapping[str, Parameter]) -> Model:
-    """A model with its holding law, what the nominal one knows besides, and what else is stated of the device."""
+    """A model with its holding law, further knowledge of the nominal one, and further statements on the device."""
     estimates = fit_holding(holding.current, holding.torque) if holding else {}
     law = {
         name: Parameter(value=e.value, unit=parameter_unit(name, fitted.units), ci95=e.ci95)

@@ -139,7 +139,7 @@ class Fit:
     free: list[int]
     """Coordinates that are not held at a bound which they push against: linear models may not cross it either."""
     least_variance: np.ndarray | None = None
-    """What the coordinates' variances are at least, shape (P,), or None."""
+    """Least variances of the coordinates, shape (P,), or None."""
 
     @property
     def total(self) -> float:
@@ -256,7 +256,7 @@ def _as_stiff(problem: Problem, fit: Fit) -> Fit:
 def reported_fit(problem: Problem, fit: Fit) -> Fit:
     """The model whose numbers are reported: fitted again by plain least squares, bent laws where these predict better.
 
-    Whitened differences decide what is there, for chance is reckoned in them. But they weigh what is quick, and there a
+    Whitened differences decide what is there, for chance is computed in them. But they weigh what is quick, and there a
     motion that is known to some milliseconds only, or a law in a slightly wrong form, shrinks an effect.
     """
     resolution = np.zeros(fit.parameters.size)
@@ -323,7 +323,7 @@ def _lines_that_predict(problem: Problem, fit: Fit, effect: str) -> dict[str, fl
     lines = {p.name: now[p.name] for p in (first, *others) if (effect, p.name) in fit.parameters.choices}
     columns = [_by_repetitions(problem, fit, effect, {name: line}) for name, line in lines.items()]
     tuning = {name: k for k, name in enumerate(lines)}
-    solution, loss = _beside(problem, fit, columns)
+    solution, loss = _together(problem, fit, columns)
     for p in others:
         if p.name in lines:
             continue
@@ -334,21 +334,21 @@ def _lines_that_predict(problem: Problem, fit: Fit, effect: str) -> dict[str, fl
         parts = [x.name for x in KNOWN[effect].parameters if x.requires == p.name]
         numbers = [{p.name: found[0], **{x: float(x == part) for x in parts}} for part in parts]
         waves = list(_torques(problem, fit, effect, numbers) - fit.torque)
-        sizes, after = _beside(problem, fit, [*columns, *waves])
+        sizes, after = _together(problem, fit, [*columns, *waves])
         gain, t = gain_and_t(loss, after)
         if gain < max(CHI2, _LINE * float(loss.sum())) or t < _HARMONIC_T:
             break
         lines[p.name], tuning[p.name] = found[0], len(columns) + len(waves)
         whole = {p.name: found[0], **dict(zip(parts, sizes[-len(parts) :], strict=True))}
         columns += [*waves, _by_repetitions(problem, fit, effect, whole)]
-        solution, loss = _beside(problem, fit, columns)
-    apart = 0.5 * np.pi / ranges.q  # a quarter of what tells two lines apart
-    steps = {name: float(np.clip(solution[len(fit.free) + k], -apart, apart)) for name, k in tuning.items()}
+        solution, loss = _together(problem, fit, columns)
+    reach = 0.5 * np.pi / ranges.q  # a quarter of the distance of two distinct lines
+    steps = {name: float(np.clip(solution[len(fit.free) + k], -reach, reach)) for name, k in tuning.items()}
     return {name: line + steps[name] for name, line in lines.items()}
 
 
-def _beside(problem: Problem, fit: Fit, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """What a model's free derivatives and ``columns`` take of its mismatch, and the leave-one-out losses, (T,)."""
+def _together(problem: Problem, fit: Fit, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Solution of a model's free derivatives and ``columns`` for its mismatch, and the leave-one-out losses, (T,)."""
     size = len(fit.x)
     rows = np.array(columns).reshape(-1, len(fit.torque))
     blocks = [fit.slopes, rows, (problem.motion.torque - fit.torque)[None]]
@@ -398,7 +398,7 @@ def drifts(effect: str) -> bool:
 
 
 def as_good(fit: Fit, best: Fit, base: Fit) -> bool:
-    """Whether a model cannot be told from a better one, by what both gain on a base."""
+    """Whether a model cannot be distinguished from a better one, by what both gain on a base."""
     loss, t = gain_and_t(fit.loo_loss, best.loo_loss)
     own = base.total - best.total
     if all(drifts(e) for e in set(fit.effects) ^ set(best.effects)):
@@ -438,7 +438,7 @@ def normalised(values: Mapping[str, float], scales: Scales) -> dict[str, float]:
 
 
 def unit_loop(values: Mapping[str, float]) -> dict[str, float]:
-    """The same sliding torque with beta = 1, gamma = 0 and alpha = 0, as beside a law in eq. 15's place."""
+    """Parameters of equal sliding torque with beta = 1, gamma = 0 and alpha = 0, as with a law in eq. 15's place."""
     rate = values["beta"] + values["gamma"]
     gains = {name: values[name] / rate for name in ("K0", "K1")}
     return {**values, **gains, "alpha": 0.0, "beta": 1.0, "gamma": 0.0}

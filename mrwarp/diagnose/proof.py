@@ -1,4 +1,4 @@
-"""What a found effect has to show before it is called a cause; one that fails is a suspect, with the reason in words.
+"""Proof of a found effect before it is called a cause; one that fails is a suspect, with the reason in words.
 
 The search decides by whitened differences, which on a device of another shape are about that shape. Here an effect has
 to pass what does not rest on the noise's model: its interval excludes zero, its size is possible and the same however
@@ -38,12 +38,12 @@ _PART = 0.2
 _KNOWN_WITHIN = 25.0
 """Ratio of an interval's ends from which a positive number counts as not known at all."""
 _HALF = 4
-"""Trajectories below which a half is none."""
+"""Fewest trajectories per half."""
 _BEARS = 0.02
 """Share of an effect's energy from which a trajectory belongs to a half."""
-_TELLS = 0.1
+_SHOWS = 0.1
 """Share of an effect's energy below which a half says nothing of its size: what else is wrong there is as large."""
-_APART, _TWICE = 2.0, 2.0
+_DIFFERS, _TWICE = 2.0, 2.0
 """Difference between an effect's sizes in two halves, in its standard errors, and their ratio: both from which it is
 no single effect."""
 _DRY, _STATIC = ("coulomb_friction", "load_friction", "position_friction"), 4.0
@@ -55,15 +55,15 @@ _ROUNDS = 6
 """Searches at most: each after the first leaves out the suspects of those before."""
 
 _LARGER = (1.0, 1.7, 2.8)
-"""Factors of the gap from which play is fitted anew."""
+"""Factors of the gap from which play is fitted again."""
 _CORNERS = ("torque_sensor_lag", "velocity_lag")
 """Lags that round a loop's corners, which a law of another shape draws too sharply: to a sample, as it is replayed."""
-_SHORT = "it is shorter than a sample: beside a law of this shape it may only round the corners of the loop"
+_SHORT = "it is shorter than a sample: with this law it may only round the corners of the loop"
 """Why one that is shorter is no cause there."""
 _UNSEEN = 0.1
-"""Part of a sample below which such a lag is not told from the way of a yielding shaft, which nobody sees."""
-_HIDDEN_BY_PLAY = "it gives way by less than the path between samples, in which nobody sees when play closes"
-"""Why a spring beside play is no cause there; play that is none itself hides nothing."""
+"""Part of a sample below which such a lag is not distinguished from the hidden motion of a yielding shaft."""
+_HIDDEN_BY_PLAY = "it is too small to resolve at your sampling rate: it gives way by less than the path between samples"
+"""Why a spring next to play is no cause there; play that is none itself hides nothing."""
 _POSITIVE = {
     "rotor_inertia": "an inertia is above 0",
     "compliance_with_backlash": "a stiffness is above 0",
@@ -76,46 +76,46 @@ _POSITIVE = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Doubt:
+class Rejection:
     """Why an effect that was found is not proven."""
 
     effect: str
     reason: str
     gain: float
-    """What it took from the loss where it was found, as a share of the baseline's."""
+    """Its reduction of the loss where it was found, as a share of the baseline's."""
     fit: Fit
     """The model, as it would be reported, in which it was found."""
 
 
 def select_proven(
     models: Models, screened: list[Candidate], log: Progress = lambda text: None
-) -> tuple[Selection, tuple[Doubt, ...]]:
+) -> tuple[Selection, tuple[Rejection, ...]]:
     """Search the causes and try each; what fails is left out, and the rest searched again without it."""
-    doubts: dict[str, Doubt] = {}
+    rejections: dict[str, Rejection] = {}
     problem, base, left = models.problem, models.base, screened
     for k in range(_ROUNDS):
-        selection = _begun_anew(select(problem, base, left, log, models=models), models)
-        found = _doubts(selection, models)
+        selection = _restarted(select(problem, base, left, log, models=models), models)
+        found = _rejections(selection, models)
         if not found:
             break
         log(f"not proven: {', '.join(found)}")
-        doubts |= found
+        rejections |= found
         # the last search is only among what it has shown so far
         allowed = [c.effect for c in screened] if k < _ROUNDS - 2 else selection.named
-        left = [c for c in screened if c.effect in allowed and c.effect not in doubts]
-        models.fits = {effects: fit for effects, fit in models.fits.items() if not doubts.keys() & set(effects)}
+        left = [c for c in screened if c.effect in allowed and c.effect not in rejections]
+        models.fits = {effects: fit for effects, fit in models.fits.items() if not rejections.keys() & set(effects)}
     else:
         selection = select(problem, base, [], log)
     alternatives = _possible_alternatives(selection, models)
-    for effect, doubt in doubts.items():
-        if doubt.reason == _SHORT:  # it may be there all the same, and what is named instead stand for it
-            for name in set(selection.named) - set(doubt.fit.effects):
+    for effect, rejection in rejections.items():
+        if rejection.reason == _SHORT:  # it may be there all the same, and what is named instead stand for it
+            for name in set(selection.named) - set(rejection.fit.effects):
                 alternatives[name] = (*alternatives.get(name, ()), effect)
-    return replace(selection, screened=screened, alternatives=alternatives), tuple(doubts.values())
+    return replace(selection, screened=screened, alternatives=alternatives), tuple(rejections.values())
 
 
-def _begun_anew(selection: Selection, models: Models) -> Selection:
-    """The search's end with play that foretells best: fits of play beside another law stop where contacts come and go.
+def _restarted(selection: Selection, models: Models) -> Selection:
+    """The search's end with play that predicts best: fits of play with another law stop where contacts come and go.
 
     It is also fitted from the model without play, from the gap found and from larger ones.
     """
@@ -142,17 +142,19 @@ def _possible_alternatives(selection: Selection, models: Models) -> dict[str, tu
     for effect, names in selection.alternatives.items():
         rest = [name for name in selection.final.effects if name != effect]
         fits = {name: models.fits.get(problem.parameters([*rest, name]).effects) for name in names}
-        found[effect] = tuple(name for name, fit in fits.items() if fit is None or not _size_doubt(name, fit, problem))
+        found[effect] = tuple(
+            name for name, fit in fits.items() if fit is None or not _size_rejection(name, fit, problem)
+        )
     return found
 
 
-def without_parts(models: Models, selection: Selection, account: Account) -> tuple[Selection, tuple[Doubt, ...]]:
+def without_parts(models: Models, selection: Selection, account: Account) -> tuple[Selection, tuple[Rejection, ...]]:
     """The selection without effects that may be a part of what repeats without a name, because that is much larger.
 
     A law of another shape leaves pieces that some effect fits: on devices by other laws these took a tenth to a sixth
     of what repeated, effects that were there a third and more. What takes the place of a term of eq. 14 is no piece.
     """
-    doubts: list[Doubt] = []
+    rejections: list[Rejection] = []
     if not account.open or not selection.named:
         return selection, ()
     problem, final = models.problem, selection.final
@@ -168,47 +170,47 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
             times = account.unnamed / max(gain, 1e-9)
             much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
             reason = f"what comes again without a name is {much}: this may be a part of it"
-            doubts.append(Doubt(effect=effect, reason=reason, gain=max(gain, 0.0), fit=fit))
+            rejections.append(Rejection(effect=effect, reason=reason, gain=max(gain, 0.0), fit=fit))
             final = models.without(final, effect)
-    if not doubts:
+    if not rejections:
         return selection, ()
     unknown = True
     while unknown:  # what stays has to have a known size without them, too
         fit = models.reported(final)
-        reasons = {e: _size_doubt(e, fit, problem) or _interval_doubt(e, fit) for e in models.added(final)}
+        reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit) for e in models.added(final)}
         unknown = [e for e, reason in reasons.items() if reason]
         for effect in unknown:
             gain = selection.own_gain.get(effect, 0.0) / selection.base.total
-            doubts.append(Doubt(effect=effect, reason=reasons[effect], gain=gain, fit=fit))
+            rejections.append(Rejection(effect=effect, reason=reasons[effect], gain=gain, fit=fit))
             final = models.without(final, effect)
     gains = {name: gain for name, gain in selection.own_gain.items() if name in final.effects}
     left = leftovers(problem, final)
-    return replace(selection, final=final, own_gain=gains, leftovers=left), tuple(doubts)
+    return replace(selection, final=final, own_gain=gains, leftovers=left), tuple(rejections)
 
 
-def _doubts(selection: Selection, models: Models) -> dict[str, Doubt]:
+def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
     """Effects of a search that are not proven."""
     if not selection.named:
         return {}
     problem, fit = models.problem, models.reported(selection.final)
-    reasons = {e: _size_doubt(e, fit, problem) or _interval_doubt(e, fit) for e in selection.named}
+    reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit) for e in selection.named}
     if reasons.get("backlash"):
         reasons = {e: "" if reason == _HIDDEN_BY_PLAY else reason for e, reason in reasons.items()}
-    if not any(reasons.values()):  # beside what cannot be, nothing else has its true size
+    if not any(reasons.values()):  # next to an impossible effect, nothing else has its true size
         after = held_out_squares(problem, fit)
         for effect in selection.named:
             before = held_out_squares(problem, models.reported(models.without(selection.final, effect)))
-            reasons[effect] = _gain_doubt(before, after)
-            # what takes away more than all that is left is no piece of it, whatever its law's exact form, but for a
+            reasons[effect] = _gain_rejection(before, after)
+            # what takes away more than all that is left is no piece of it, for any exact form of its law, but for a
             # lag, which rounds the corners of every loop
             corners = problem.misfit and effect in _CORNERS
             if not reasons[effect] and (corners or before.sum() < 2.0 * after.sum()):
-                reasons[effect] = _halves_doubt(effect, fit, problem)
+                reasons[effect] = _halves_rejection(effect, fit, problem)
     gains = {e: selection.own_gain.get(e, selection.gain) / selection.base.total for e in selection.named}
-    return {e: Doubt(effect=e, reason=x, gain=gains[e], fit=fit) for e, x in reasons.items() if x}
+    return {e: Rejection(effect=e, reason=x, gain=gains[e], fit=fit) for e, x in reasons.items() if x}
 
 
-def _gain_doubt(before: np.ndarray, after: np.ndarray) -> str:
+def _gain_rejection(before: np.ndarray, after: np.ndarray) -> str:
     """Why the fall of the trajectories' squared errors, both of shape (T,), may be chance, or nothing.
 
     It has to show in their sum and in each one's own error: in the sum only the few with the largest torque count.
@@ -224,7 +226,7 @@ def _gain_doubt(before: np.ndarray, after: np.ndarray) -> str:
     return ""
 
 
-def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
+def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     """Why an effect stands for something else, or nothing: a true one has the same size however the joint moves.
 
     What makes up for the shape of a loop is a matter of some speeds, angles or currents: a lag that rounds corners acts
@@ -255,7 +257,7 @@ def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
             halves = np.stack([low, change - low])
             bears = np.add.reduceat(halves**2, motion.start[:-1], axis=1)
             whole = bears.sum(axis=1, keepdims=True)
-            in_many = ((bears > _BEARS * whole).sum(axis=1) >= _HALF).all() and whole.min() > _TELLS * whole.sum()
+            in_many = ((bears > _BEARS * whole).sum(axis=1) >= _HALF).all() and whole.min() > _SHOWS * whole.sum()
             if in_many:
                 break
         if not in_many:
@@ -264,16 +266,18 @@ def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         grams = np.stack([part @ part.T for part in parts])
         total, left = grams.sum(axis=0), grams.sum(axis=0) - grams
         sizes = ridge_solve(total[:-1, :-1], total[:-1, -1])[-2:]
-        apart = np.diff(ridge_solve(left[:, :-1, :-1], left[:, :-1, -1])[:, -2:])[:, 0]
-        error = float(np.sqrt((1.0 - 1.0 / len(apart)) * ((apart - apart.mean()) ** 2).sum()))
+        differences = np.diff(ridge_solve(left[:, :-1, :-1], left[:, :-1, -1])[:, -2:])[:, 0]
+        error = float(np.sqrt((1.0 - 1.0 / len(differences)) * ((differences - differences.mean()) ** 2).sum()))
         small, large = sorted(sizes, key=abs)
         ratio = _STATIC if effect in _DRY and drive in _SPEEDS else _TWICE
-        if abs(large - small) > _APART * error and small / large < 1.0 / ratio:
-            return f"its size is not one: it differs between {drive} by more than chance, and by over {ratio:.0f} times"
+        if abs(large - small) > _DIFFERS * error and small / large < 1.0 / ratio:
+            return (
+                f"it has no single size: it differs between {drive} by more than chance, and by over {ratio:.0f} times"
+            )
     return ""
 
 
-def _interval_doubt(effect: str, fit: Fit) -> str:
+def _interval_rejection(effect: str, fit: Fit) -> str:
     """Why the size of an effect is not known, or nothing.
 
     An effect of several numbers that may be zero is known if one of them is, with the 95 % shared among them.
@@ -293,7 +297,7 @@ def _interval_doubt(effect: str, fit: Fit) -> str:
     return "its 95 % interval contains zero" if linear and not known else ""
 
 
-def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
+def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     """Why no device has an effect of such a size, or nothing."""
     first, ranges, torque = fit.parameters.own(effect)[0], problem.motion.ranges, problem.motion.torque
     value = dict(fit.parameters.items())[first].value(fit.x[first])
@@ -303,7 +307,7 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
     if problem.misfit and effect in _CORNERS and value < ranges.dt:
         return _SHORT
     if effect in _CORNERS and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
-        return "it is a small part of a sample: beside a shaft that yields it may stand for its way between samples"
+        return "it is a small part of a sample: with a shaft that yields it may stand for its hidden motion"
     if (
         effect == "series_compliance"
         and "backlash" in fit.effects

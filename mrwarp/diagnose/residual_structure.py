@@ -1,6 +1,6 @@
-"""What a model leaves: smooth functions of what was measured, and narrow lines in the spectrum of the mismatch.
+"""Rest of a model: smooth functions of what was measured, and narrow lines in the spectrum of the mismatch.
 
-Whatever the form of a missing law, it shows in groups of smooth functions, which also say along which variables it
+A missing law of any form shows in groups of smooth functions, which also say along which variables it
 lies. A line (pickup, a resonance, a pump) is what no function of the motion explains.
 """
 
@@ -33,7 +33,7 @@ class Group:
     """Functions that are tested together."""
 
     variables: tuple[str, ...]
-    """What they depend on, by the names of ``result.json``."""
+    """Variables they depend on, by the names of ``result.json``."""
     form: str
     rows: np.ndarray
     """Shape (k, N)."""
@@ -63,11 +63,11 @@ class Line:
     frequency: float
     """[Hz]"""
     gain: float
-    """What taking it out would gain, in units of the noise's variance."""
+    """Gain of taking it out, in units of the noise's variance."""
 
 
 def leftovers(problem: Problem, fit: Fit) -> list[Leftover]:
-    """What each group of functions would gain on top of a model, best first."""
+    """Gain of each group of functions on top of a model, best first."""
     groups = groups_along(problem, fit)
     rows = [fit.slopes, *(g.rows for g in groups), (problem.motion.torque - fit.torque)[None]]
     equations = problem.equations(rows, fit.torque, derivatives=True)
@@ -175,18 +175,18 @@ def find_line(problem: Problem, fit: Fit) -> Line | None:
     """Strongest line in a model's mismatch that stands out in at least half of the trajectories, or None.
 
     What follows the angle, the velocity or the torque within a trajectory is no line; where most trajectories turn one
-    way at a steady speed, what repeats along the angle repeats in time, and there is no telling. Trajectories of the
-    commonest rate are looked at. Each one's periodogram is divided by its local background; at a frequency without a
-    line the median over trajectories follows from the exponential law, whatever their number.
+    way at a steady speed, what repeats along the angle repeats in time, and the two cannot be distinguished.
+    Trajectories of the commonest rate are looked at. Each one's periodogram is divided by its local background; at a
+    frequency without a line the median over trajectories follows from the exponential law, for any number of them.
     """
     s, torque = problem.motion, fit.torque
     if np.mean([abs(s.qd[part].mean()) > s.qd[part].std() for part in s.parts]) >= 0.5:
         return None
     white = problem.noise.white(np.stack([s.torque - torque, np.ones(len(torque)), torque, s.q, s.qd]))
-    alike = of_commonest_rate(s.dt, s.start)
-    length, dt = int(np.median(np.diff(s.start)[alike])), float(np.median(s.dt[alike]))
+    common = of_commonest_rate(s.dt, s.start)
+    length, dt = int(np.median(np.diff(s.start)[common])), float(np.median(s.dt[common]))
     powers = []
-    for part, same in zip(s.parts, alike, strict=True):
+    for part, same in zip(s.parts, common, strict=True):
         if not same or part.stop - part.start < length * 0.9:
             continue
         x, *own = white[:, part][:, 8:length]
@@ -210,7 +210,7 @@ def find_line(problem: Problem, fit: Fit) -> Line | None:
 
 
 def without_line(problem: Problem, fit: Fit, line: Line) -> Problem:
-    """The problem with a line, found beside a model, taken out with its own phase and size in each trajectory."""
+    """The problem with a line, found next to a model, taken out with its own phase and size in each trajectory."""
     motion = problem.motion
     torque = motion.torque.copy()
     for part, dt in zip(motion.parts, motion.dt, strict=True):

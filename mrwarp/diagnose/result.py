@@ -40,7 +40,7 @@ class Cause:
     p_value: float
     """Chance that noise alone would give as much, after looking at every candidate."""
     alternatives: tuple[str, ...]
-    """Effects that these data cannot tell from it."""
+    """Effects that these data cannot distinguish from it."""
     gain: float
     """Reduction of the held-out squared mismatch that is this effect's alone [1]."""
 
@@ -51,7 +51,7 @@ class Suspect:
 
     name: str
     reason: str
-    """What is missing for a proof."""
+    """The missing part of a proof."""
     parameters: Mapping[str, Value]
     """Its numbers where it was found."""
     gain: float
@@ -71,7 +71,7 @@ class Unexplained:
     """Structure that no effect of the catalogue explains."""
 
     depends_on: tuple[str, ...]
-    """Variables, the most telling first."""
+    """Variables, the clearest first."""
     form: str
     """How it depends on them, in words."""
     share: float
@@ -98,8 +98,8 @@ class Tried:
 class Error:
     """RMS of measured minus predicted torque, each trajectory predicted by a fit to the others.
 
-    All samples count alike but those at which nobody knows the state of the joint: the first of a trajectory, until the
-    unknown stress at its start is forgotten, and the edges of rests.
+    All samples count equally but those at which nobody knows the state of the joint: the first of a trajectory, until
+    the unknown stress at its start is forgotten, and the edges of rests.
     """
 
     rmse: float
@@ -110,7 +110,7 @@ class Error:
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """What the extension gains on trajectories that took no part in fitting it."""
+    """Gain of the extension on trajectories that took no part in fitting it."""
 
     rmse_reduction: float
     """1 - rmse(extended)/rmse(baseline), of the errors that :class:`Error` defines [1]."""
@@ -128,7 +128,7 @@ class NextExperiment:
     """The experiment in one sentence."""
     seconds: float
     separates: tuple[str, ...]
-    """Effects that it tells apart, or shows."""
+    """Effects that it separates, or shows."""
     kind: str
     """Name of the standard experiment."""
     settings: Mapping[str, float] = field(default_factory=dict)
@@ -190,7 +190,7 @@ class Diagnosis:
     law: LawChoice | None = None
     """The hysteresis law of the baseline and what it was compared with; None: no comparison was needed."""
     recording_faults: tuple[RecordingFault, ...] = ()
-    """What was wrong with the recording itself, and was taken out before anything else was asked."""
+    """Faults of the recording itself, taken out before anything else was asked."""
     causes: tuple[Cause, ...] = ()
     suspects: tuple[Suspect, ...] = ()
     parameter_shift: tuple[Shift, ...] = ()
@@ -200,14 +200,14 @@ class Diagnosis:
     invisible: Mapping[str, str] = field(default_factory=dict)
     """Effects that no size would show in these data, and why."""
     cannot_know: tuple[str, ...]
-    """What these data cannot answer, each with the recording to make."""
+    """Questions that these data cannot answer, each with the recording to make."""
     baseline: Error
     extended: Error
     gain: Gain | None = None
     next_experiment: NextExperiment | None = None
     tried: tuple[Tried, ...] = ()
     account: Account | None = None
-    """The same with intervals, and what says so."""
+    """Shifts with intervals, and their evidence."""
     spikes: Spikes | None = None
     """Samples that were kept out of every fit; None: there are none."""
     accounting: Accounting = Accounting(named=0.0, predictable=0.0, noise=1.0)
@@ -271,23 +271,23 @@ class Diagnosis:
         }
 
     def _law(self) -> dict[str, Any] | None:
-        """What was compared, and the friction of the law that was taken."""
+        """Compared laws, and the friction of the law that was taken."""
         if self.law is None:
             return None
         dry = {"coulomb_friction": asdict(self.dry_friction)} if self.dry_friction else {}
         return asdict(self.law) | {"title": self.law.title, "error": self.law.error} | dry
 
-    def write(self, out: Path, command: str, besides: Mapping[str, Any] | None = None, *, model_name: str = "") -> Path:
+    def write(self, out: Path, command: str, extras: Mapping[str, Any] | None = None, *, model_name: str = "") -> Path:
         """Write ``result.json`` atomically into a folder, which is made if it is not there.
 
-        ``besides`` holds further results, such as those of ``--predict``, ``model_name`` the extended model's file.
+        ``extras`` holds further results, such as those of ``--predict``, ``model_name`` the extended model's file.
         """
-        figures = self.to_dict() | dict(besides or {}) | {"model": model_name or None}
+        figures = self.to_dict() | dict(extras or {}) | {"model": model_name or None}
         return write_result(out, figures, seed=self.seed, command=command)
 
 
 _COUNTED = ("samples", "share", "of_squared_mismatch", "per_trajectory")
-"""What ``result.json`` says of spikes."""
+"""Content of ``result.json`` on spikes."""
 
 
 def _before_after(rows: Mapping[str, tuple[float, float]]) -> dict[str, Any]:

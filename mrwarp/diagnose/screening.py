@@ -32,7 +32,7 @@ _REFINE = 6
 
 @dataclass(frozen=True)
 class Candidate:
-    """What one more effect would give."""
+    """Promise of one more effect."""
 
     effect: str
     choices: Mapping[tuple[str, str], float]
@@ -104,7 +104,7 @@ class _Trial:
     step: np.ndarray = field(default_factory=lambda: np.empty(0))
     """Where the linear model goes from here."""
     loss: float = np.inf
-    """What the linear model promises there."""
+    """Promise of the linear model there."""
     held_loss: float = np.inf
     """Loss with the effect's numbers as they are."""
     loo_loss: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -221,10 +221,10 @@ def _evaluated(problem: Problem, base: Fit, trials: list[_Trial]) -> list[_Trial
     for first in range(0, len(trials), _SLAB):
         some, blocks = trials[first : first + _SLAB], [base.slopes]
         for t in some:
-            beside = bears if t.adds else 0.0
-            here = torque if t.absent else next(tau) + beside
-            moved = np.stack([next(tau) + beside if i in t.moving else here for i in t.own])
-            if not (np.isfinite(here).all() and np.isfinite(moved).all()):  # no start: beside this law it runs away
+            added = bears if t.adds else 0.0
+            here = torque if t.absent else next(tau) + added
+            moved = np.stack([next(tau) + added if i in t.moving else here for i in t.own])
+            if not (np.isfinite(here).all() and np.isfinite(moved).all()):  # no start: with this law it runs away
                 here, moved = base.torque, np.repeat(base.torque[None], len(t.own), axis=0)
             blocks += [(moved - here) / t.parameters.steps[t.own, None], (problem.motion.torque - here)[None]]
         equations = problem.equations(blocks, base.torque)

@@ -19,8 +19,8 @@ from mrwarp.identify.projection import Progress
 
 _ADDED, _ADDED_SLOWLY = 0.13, 0.06
 """Part of the gain so far that one more effect must add."""
-KEPT, KEPT_BESIDE_MORE = 0.35, 0.5
-"""Part of an effect's gain that must remain beside free functions of what it leaves, the latter if that is more."""
+KEPT, KEPT_NEXT_TO_MORE = 0.35, 0.5
+"""Part of an effect's gain that must remain next to free functions of its rest, the latter if that is more."""
 _NEARLY_ALL = 10.0
 """Ratio of losses without and with an effect from which it stands in for nothing: it explains nearly all."""
 WITHIN = 60.0
@@ -44,7 +44,7 @@ class Selection:
     leftovers: list[Leftover]
     """Structure that the final model leaves, best first."""
     own_gain: Mapping[str, float] = field(default_factory=dict)
-    """What each named effect adds to the others."""
+    """Gain of each named effect on top of the others."""
     alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Effects that would do as well in a named one's place."""
     refined: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
@@ -190,7 +190,7 @@ def _worth(models: Models, fit: Fit) -> bool:
 
 
 def _needed(models: Models, fit: Fit, effect: str) -> float:
-    """What an effect must add to others: a law in a wrong form leaves a part of its gain for others to take up.
+    """Least gain of an effect on top of others: a law in a wrong form leaves a part of its gain for others to take up.
 
     The part is measured by the model's gain, or by all that it leaves if that is less. What drifts over the session is
     nobody else's wrong form.
@@ -215,7 +215,7 @@ def _alternatives(
             screened = screen(models.problem, without, [c for c in candidates if c not in final.effects])
         near = [c for c in screened if c.effect != effect and without.total - c.total > 0.6 * gains[effect]]
         fits = {c.effect: models.grown(without, c) for c in near[:4]}
-        for effects, fit in models.fits.items():  # what was fitted on the way, whatever its first look
+        for effects, fit in models.fits.items():  # all fits on the way, for any first look
             other = set(effects) - set(without.effects)
             if len(other) == 1 and len(effects) == len(without.effects) + 1 and effect not in other:
                 fits.setdefault(other.pop(), fit)
@@ -252,7 +252,7 @@ def expected_in(problem: Problem) -> str:
 def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
     """The model without effects that only stand in for structure of another kind.
 
-    Whatever structure a model leaves is offered to it as free functions. An effect that is real still adds what it
+    The structure that a model leaves is offered to it as free functions. An effect that is real still adds what it
     did; one that was a proxy of that structure adds little. ``before`` is what the baseline leaves.
     """
     fit = _within_range(models, _not_by_chance(models, fit))
@@ -263,10 +263,10 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
         left = [f for f in left if f.gain > 0.3 * gain_before[f.group.key]][:2]
         if not left:
             return fit
-        full = _loss_beside(models.problem, fit, np.vstack([f.group.rows for f in left]))
-        if full > fit.total:  # together they foretell less
+        full = _loss_with(models.problem, fit, np.vstack([f.group.rows for f in left]))
+        if full > fit.total:  # together they predict less
             left = left[:1]
-            full = _loss_beside(models.problem, fit, left[0].group.rows)
+            full = _loss_with(models.problem, fit, left[0].group.rows)
         kept: dict[str, float] = {}
         for effect in models.added(fit):
             without = models.without(fit, effect)
@@ -275,17 +275,17 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
             alone = without.total - fit.total
             # along the hysteresis without the effect: along its own they would have its shape
             groups = {group.key: group.rows for group in groups_along(models.problem, without)}
-            beside = _loss_beside(models.problem, without, np.vstack([groups[f.group.key] for f in left])) - full
-            kept[effect] = beside / max(alone, 1e-9) * (KEPT / KEPT_BESIDE_MORE if left[0].gain > 1.5 * alone else 1.0)
-            if beside < threshold(fit):
+            gained = _loss_with(models.problem, without, np.vstack([groups[f.group.key] for f in left])) - full
+            kept[effect] = gained / max(alone, 1e-9) * (KEPT / KEPT_NEXT_TO_MORE if left[0].gain > 1.5 * alone else 1.0)
+            if gained < threshold(fit):
                 kept[effect] = min(kept[effect], 0.0)
         kept.pop(expected_in(models.problem), None)
         if not kept:
             return fit
-        doubtful = min(kept, key=lambda e: kept[e])
-        if kept[doubtful] > KEPT:
+        weakest = min(kept, key=lambda e: kept[e])
+        if kept[weakest] > KEPT:
             return fit
-        fit = models.without(fit, doubtful)
+        fit = models.without(fit, weakest)
     return fit
 
 
@@ -314,8 +314,8 @@ def _within_range(models: Models, fit: Fit) -> Fit:
     return fit
 
 
-def _loss_beside(problem: Problem, fit: Fit, rows: np.ndarray) -> float:
-    """Leave-one-out loss of a model with free functions beside it."""
+def _loss_with(problem: Problem, fit: Fit, rows: np.ndarray) -> float:
+    """Leave-one-out loss of a model with free functions next to it."""
     equations = problem.equations(
         [fit.slopes, rows, (problem.motion.torque - fit.torque)[None]], fit.torque, derivatives=True
     )
@@ -349,7 +349,7 @@ def drift_p_value(problem: Problem, fit: Fit, without: Fit) -> float:
 
 
 def gain_within_runs(problem: Problem, fit: Fit, without: Fit) -> float:
-    """What an effect gains beside an offset and a factor for each trajectory, in units of the noise's variance."""
+    """Gain of an effect on top of an offset and a factor for each trajectory, in units of the noise's variance."""
     torque = problem.motion.torque
     rows = np.stack([torque - without.torque, torque - fit.torque, without.torque, np.ones(len(torque))])
     rows = problem.noise.white(rows) * problem.weight

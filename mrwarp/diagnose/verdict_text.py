@@ -143,7 +143,7 @@ def chance(p: float) -> str:
 
 
 def title(token: str) -> str:
-    """What an effect is called in the catalogue."""
+    """Name of an effect in the catalogue."""
     return CATALOGUE[token].title if token in CATALOGUE else token
 
 
@@ -166,7 +166,7 @@ def variable(name: str, units: Mapping[str, str]) -> str:
 
 
 def axis_label(key: str, units: Mapping[str, str], gap: str = " ") -> str:
-    """What a column of a recording holds, with its unit."""
+    """Quantity of a recording's column, with its unit."""
     return f"velocity{gap}[{units['q']}/s]" if key == "qd" else f"{quantity(key, units)}{gap}[{units[key]}]"
 
 
@@ -199,7 +199,7 @@ def sentence_of(d: Diagnosis) -> str:
             parts[-1] += f", in which the joint slides at {shown.value}{known} of Coulomb friction"
     if d.causes:
         parts.append(
-            ("beside it " if parts else "")
+            ("with it " if parts else "")
             + "the model lacks "
             + both(_cause_text(c.name, c.alternatives, len(d.causes)) + _per_turn(c) for c in d.causes)
         )
@@ -213,11 +213,11 @@ def sentence_of(d: Diagnosis) -> str:
                 + f" (95 %: {percent(low)} to {percent(high)})"
             )
     if d.unexplained is not None:
-        beside = "besides, " if d.causes else ""
+        also = "also, " if d.causes else ""
         what = f"structure along {both(variable(v, d.recording.units) for v in d.unexplained.depends_on[:2])}"
         if d.unexplained.depends_on[0] == "frequency":
             what = d.unexplained.form
-        parts.append(f"{beside}there is {what} that {_not_explained_by(d)}")
+        parts.append(f"{also}there is {what} that {_not_explained_by(d)}")
     if d.account is not None and d.account.open:
         parts.append(_what_repeats(d.account))
     if not parts:
@@ -228,7 +228,7 @@ def sentence_of(d: Diagnosis) -> str:
 
 
 def _not_explained_by(d: Diagnosis) -> str:
-    """What does not explain the structure that was found, with the effects that lie along its first variable alone."""
+    """Effects that do not explain the found structure, with the effects that lie along its first variable alone."""
     assert d.unexplained is not None
     first = d.unexplained.depends_on[0]
     along = [t for t in d.tried if t.name in CATALOGUE and CATALOGUE[t.name].depends_on == (first,)]
@@ -246,9 +246,9 @@ def _what_repeats(account: Account) -> str:
     most = 1.0 - math.sqrt(kept)
     if gains < _LITTLE * most:
         return (
-            f"{repeats} of the squared mismatch comes again where the same motion does, and has no name; boosting "
-            f"takes only {percent(gains, 0)} off the error of a run that it never saw, so a learned torque (--learn) "
-            f"needs more runs of the same motions, and could then take up to {percent(most, 0)}"
+            f"{repeats} of the squared mismatch comes again where the same motion does, and has no name. Boosting "
+            f"takes only {percent(gains, 0)} off the error of a held-out run. A learned torque (--learn) "
+            f"needs more runs of the same motions; it could then take up to {percent(most, 0)}"
         )
     return (
         f"{repeats} of the squared mismatch comes again in every run and has no name: a learned torque (--learn) could "
@@ -257,7 +257,7 @@ def _what_repeats(account: Account) -> str:
 
 
 def fault_sentences(d: Diagnosis) -> list[str]:
-    """What is wrong with the recording, a sentence each."""
+    """Faults of the recording, a sentence each."""
     return [true_names(capital(fault.sentence) + ".", d.recording.units) for fault in d.recording_faults]
 
 

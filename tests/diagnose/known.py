@@ -88,7 +88,7 @@ def problem(
     at: Motion | None = None,
     **changes: float,
 ) -> Problem:
-    """Data of the paper's joint with effects, white noise of a known size and whatever is added."""
+    """Data of the paper's joint with effects, white noise of a known size and an addition."""
     at = at or motion(seed)
     bent = any(parameter_of(effect, name).form for effect, p in (effects or {}).items() for name in p)
     p = Parameters(tuple(effects or {}), at.ranges, 0.0, form=bent)

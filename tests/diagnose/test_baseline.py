@@ -34,7 +34,7 @@ def _swings(rates: tuple[float, ...], seconds: float = 2.0) -> Recording:
 
 
 def test_short_recordings_stay_as_they_are() -> None:
-    """Up to the limit, whatever the rate."""
+    """Up to the limit, at any rate."""
     recording = _swings((3000.0, 3000.0))
     assert decimate(recording) == (recording, None)
 
@@ -43,7 +43,7 @@ def test_short_recordings_stay_as_they_are() -> None:
 def test_fast_trajectories_are_thinned_until_they_are_few(
     monkeypatch: pytest.MonkeyPatch, limit: int, rates: tuple[float, ...]
 ) -> None:
-    """By odd factors, all alike; slow trajectories stay."""
+    """By odd factors, equal for all; slow trajectories stay."""
     monkeypatch.setattr(baseline, "LIMIT", limit)
     recording = _swings((3000.0, 3000.0, 200.0))
     out, note = decimate(recording)

@@ -8,7 +8,7 @@ from tests.diagnose import known
 
 
 def shifts(seed: int = 20, **changes: float) -> list:
-    """What the fitted joint shows against the paper's."""
+    """Shifts of the fitted joint against the paper's."""
     problem = known.problem(seed=seed, at=known.motion(seed, runs=6, seconds=3.0), **changes)
     found = find_shift(known.fitted(problem), known.TRUTH, float(np.ptp(problem.motion.torque)))
     return [] if found is None else [found]
@@ -41,7 +41,7 @@ def test_shift_is_named_with_its_size(name: str, changes: dict[str, float], valu
 
 
 def test_bias_may_be_an_offset_of_the_encoder() -> None:
-    """Re-fitting cannot tell zero of torque and angle: the alternative is said."""
+    """Re-fitting cannot distinguish the zeros of torque and angle: the alternative is said."""
     (found,) = shifts(D=known.TRUTH["D"] + 0.03)
     assert "encoder_offset" in found.alternatives
 

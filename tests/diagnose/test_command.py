@@ -83,16 +83,16 @@ def test_the_report_shows_it(answer: Path) -> None:
 
 @pytest.mark.slow
 def test_the_extended_model_is_a_known_model(answer: Path, tmp_path: Path) -> None:
-    """With it as the nominal model nothing is missing any more, and what it knows of the device besides stays known."""
+    """With it as the nominal model nothing is missing any more, and its further numbers of the device stay known."""
     data, nominal = answer.parent / "data", load_model(answer / "model.json")
-    besides = {
+    further = {
         name: Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS), ci95=(0.9 * value, 1.1 * value))
         for name, value in {"T_max": 3.4, "K": 0.21, "n": 2.2, "coil_resistance": 7.0, "current_max": 1.1}.items()
     }
-    known = save_model(replace(nominal, parameters={**nominal.parameters, **besides}), tmp_path / "known.json")
+    known = save_model(replace(nominal, parameters={**nominal.parameters, **further}), tmp_path / "known.json")
     assert cli.main(["diagnose", str(data), "--model", str(known), "--out", str(tmp_path / "again")]) == 0
     carried = load_model(tmp_path / "again" / "model.json")
-    assert {name: carried.parameters[name] for name in besides} == besides
+    assert {name: carried.parameters[name] for name in further} == further
     assert carried.fitted_on.current == nominal.fitted_on.current is not None
     again = json.loads((tmp_path / "again" / "result.json").read_text(encoding="utf-8"))
     assert again["verdict"] == "none" and not again["causes"]

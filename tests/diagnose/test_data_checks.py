@@ -1,4 +1,4 @@
-"""What recordings cannot answer is said before any fit, with the recording to make."""
+"""Questions that recordings cannot answer are named before any fit, with the recording to make."""
 
 from dataclasses import replace
 

@@ -13,7 +13,7 @@ ALL = [name for name, law in CATALOGUE.items() if law.kind != "calibration"]
 
 
 def gain(hidden: dict, motion) -> float:
-    """What an effect of some size gains on noisy data with it, on average over six draws of the noise."""
+    """Gain of an effect of some size on noisy data with it, on average over six draws of the noise."""
     gains = []
     for seed in range(6):
         problem = known.problem(hidden, seed=11 + seed, at=motion)

@@ -68,7 +68,7 @@ def fitted_recording(q: float, current: float, size: float):
 
 
 def test_model_scales_with_the_units(tmp_path: Path) -> None:
-    """The same device in m, V and N: every number and interval times its factor, and the file can be read."""
+    """A device in m, V and N: every number and interval times its factor, and the file can be read."""
     (one, fit, here), (other, same, there) = fitted_recording(1.0, 1.0, 1.0), fitted_recording(0.04, 6.0, 250.0)
     assert other.motion.scales.torque == pytest.approx(250.0 * one.motion.scales.torque)
     plain, scaled = outer_model(one, fit, here, 3), outer_model(other, same, there, 3)

@@ -25,7 +25,7 @@ def found(left: np.ndarray, along: tuple[str, ...] = ("q", "qd"), noise: float =
 
 
 def value(text: str) -> np.ndarray:
-    """What a formula says along the motion; its variables as it defines them."""
+    """Values of a formula along the motion; its variables as it defines them."""
     body, scales = re.fullmatch(r"\((.*)\) N·m with (.*)", text).groups()  # pyright: ignore[reportOptionalMemberAccess]
     names = {"q": Q, "qd": QD, "sin": np.sin, "cos": np.cos}
     for part in scales.split(", "):
@@ -62,5 +62,5 @@ def test_noise_has_no_formula() -> None:
 
 
 def test_memory_and_lines_have_no_formula() -> None:
-    """What is no function of the moment."""
+    """A torque that is no function of the moment."""
     assert found(0.5 * QD, ("memory",)) is None and found(0.5 * QD, ("frequency",)) is None

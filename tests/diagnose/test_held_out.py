@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.held_out import Account, HeldOut, Share, account_of, hold_out, not_foretold, reduction
+from mrwarp.diagnose.held_out import Account, HeldOut, Share, account_of, hold_out, not_predicted, reduction
 from mrwarp.diagnose.problem import Problem, reported_fit
 from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
@@ -34,7 +34,7 @@ def held(problem: Problem, selection: Selection) -> HeldOut:
 
 
 def test_each_trajectory_is_predicted_by_the_others(problem) -> None:
-    """What is predicted of a trajectory is what a linear refit to the others gives, baseline and extension.
+    """The prediction of a trajectory is that of a linear refit to the others, for baseline and extension.
 
     The refit leaves numbers at a bound where they are.
     """
@@ -83,8 +83,8 @@ def test_samples_without_weight_do_not_count(problem) -> None:
     weight[:40] = 0.0
     measured = np.where(weight > 0.0, problem.measured, problem.measured + 5.0)
     selection = searched(problem, None)
-    spoilt = held(dataclasses.replace(problem, weight=weight, measured=measured), selection)
-    assert spoilt.baseline[0] < 1.2 * held(problem, selection).baseline[0]
+    faulty = held(dataclasses.replace(problem, weight=weight, measured=measured), selection)
+    assert faulty.baseline[0] < 1.2 * held(problem, selection).baseline[0]
 
 
 def test_base_alone_gains_nothing(problem) -> None:
@@ -136,7 +136,7 @@ def predicted(plus: str | None):
     problem = known.problem(at=at, plus=added)
     selection = searched(problem, None)
     found = held(problem, selection)
-    return problem, found, not_foretold(problem, found, reported_fit(problem, selection.final), seed=0)
+    return problem, found, not_predicted(problem, found, reported_fit(problem, selection.final), seed=0)
 
 
 def accounted(plus: str | None):
@@ -147,7 +147,7 @@ def accounted(plus: str | None):
 
 
 def test_account_calls_noise_what_does_not_repeat() -> None:
-    """Pure noise is not repeatable, whatever a flexible predictor makes of it, and nothing is left open."""
+    """Pure noise is not repeatable, for any flexible predictor, and nothing is left open."""
     account, _ = accounted(None)
     assert account.not_repeatable.share > 0.95 and not account.open
 
@@ -169,7 +169,7 @@ def test_a_motion_that_comes_again_bounds_what_does_not_repeat(monkeypatch: pyte
 
 
 def test_account_divides_the_mismatch() -> None:
-    """The three shares add up to 1; what repeats without a name is told from the noise that was put in."""
+    """The three shares add up to 1; the repeating part is separated from the added noise."""
     account, truth = accounted("law")
     assert account.named.share + account.repeatable.share + account.not_repeatable.share == pytest.approx(1.0)
     assert account.open and account.named.share == 0.0

@@ -1,4 +1,4 @@
-"""Single steps of the command: a lag and a delay of parts of a sample are told apart, and the delay is measured."""
+"""Single steps of the command: a lag and a delay of parts of a sample are distinguished, and the delay is measured."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -31,9 +31,9 @@ def steps(
 @pytest.mark.parametrize("effect", [LAG, DELAY])
 def test_truth_is_told(effect: str, size: float, common: bool) -> None:
     """In 20 sets the truth is named or nothing, and mostly the truth."""
-    told = [more_likely(steps(effect, size, seed=seed, common=common)) for seed in range(20)]
-    assert set(told) <= {effect, None}
-    assert told.count(effect) >= (12 if common else 20)
+    known = [more_likely(steps(effect, size, seed=seed, common=common)) for seed in range(20)]
+    assert set(known) <= {effect, None}
+    assert known.count(effect) >= (12 if common else 20)
 
 
 def test_delay_is_measured_to_parts_of_a_sample() -> None:
@@ -63,12 +63,12 @@ def test_without_steps_that_are_late_nothing_is_told() -> None:
 
 
 @pytest.mark.parametrize(("named", "other"), [(LAG, DELAY), (DELAY, LAG)])
-@pytest.mark.parametrize("told", ["nothing", "too few steps", "one of them", "fits far apart"])
-def test_undecided_is_an_alternative(named: str, other: str, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("known", ["nothing", "too few steps", "one of them", "fits of other sizes"])
+def test_undecided_is_an_alternative(named: str, other: str, known: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the steps do not speak, the other one stays an alternative, unless its fit is far behind."""
     final, without = SimpleNamespace(total=10.0), SimpleNamespace(total=100.0)
-    rival = SimpleNamespace(total=90.0 if told == "fits far apart" else 30.0)
-    found = None if told == "too few steps" else steps(named, 0.004, noise=0.08 if told == "one of them" else 20.0)
+    rival = SimpleNamespace(total=90.0 if known == "fits of other sizes" else 30.0)
+    found = None if known == "too few steps" else steps(named, 0.004, noise=0.08 if known == "one of them" else 20.0)
     models: Any = SimpleNamespace(
         problem=None, added=lambda fit: ["wear", named], without=lambda fit, name: without, grown=lambda fit, c: rival
     )
@@ -76,5 +76,5 @@ def test_undecided_is_an_alternative(named: str, other: str, told: str, monkeypa
     monkeypatch.setattr(lag_or_delay, "find_steps", lambda *given: found)
     said = decided_by_steps(models, cast(Fit, final), [named, other])
     assert said.model is final
-    assert said.undecided == (other if told in ("nothing", "too few steps") else None)
-    assert said.excluded == (other if told == "one of them" else None)
+    assert said.undecided == (other if known in ("nothing", "too few steps") else None)
+    assert said.excluded == (other if known == "one of them" else None)

@@ -48,10 +48,10 @@ def test_zeros_that_moved_are_told_and_listed(foreign: tuple[Recording, Diagnosi
 def test_a_gap_parts_the_moved_zeros() -> None:
     """Those on the far side of a wide gap, else all."""
     held = {"bouc_wen": 0.2, "kwok": 0.1}
-    apart = LawChoice(
+    moved = LawChoice(
         name="kwok", held_out=held, rival=0.2, offsets={"a": 0.0, "b": -100.0, "c": 3.0, "d": -97.0, "e": 1.0}
     )
-    assert apart.moved == ["b", "d"]
+    assert moved.moved == ["b", "d"]
     even = LawChoice(name="kwok", held_out=held, rival=0.2, offsets={str(k): float(k) for k in range(8)})
     assert len(even.moved) == 8
 

@@ -95,7 +95,7 @@ def servo(folder: Path, rng: np.random.Generator) -> None:
 
 
 def test_a_servo_has_an_inertia_and_friction_that_grows_with_its_load(tmp_path: Path) -> None:
-    """What motor and load bear together is twice the load and more, so the friction is 0.12 of the load or less."""
+    """Motor and load together bear twice the load and more, so the friction is 0.12 of the load or less."""
     servo(tmp_path, np.random.default_rng(2))
     found = diagnose(load_recording(tmp_path))
     causes = {c.name: c for c in found.causes}

@@ -13,7 +13,7 @@ CURRENT = ("current steps", "current steps, slow swing", "current staircase")
 
 
 def ambiguous(named: str, rival: str, numbers: dict[str, dict[str, float]], sigma: float = 0.05):
-    """An problem and a search that could not tell two effects apart."""
+    """A problem and a search that could not distinguish two effects."""
     problem = known.problem({named: numbers[named]}, seed=60, at=known.motion(60, runs=6, seconds=3.0), sigma=sigma)
     base = known.fitted(problem)
     fits = {name: known.fitted(problem, {name: numbers[name]}) for name in (named, rival)}
@@ -114,8 +114,8 @@ def test_what_no_experiment_can_tell_apart_is_not_proposed() -> None:
         assert propose(problem, replace(selection, fits=fits), 1) is None
 
 
-def test_rivals_beside_another_law_are_found() -> None:
-    """The rival's fit is the one beside the same law."""
+def test_rivals_with_another_law_are_found() -> None:
+    """The rival's fit is the one with the same law."""
     law = {"kwok": {"slope": 1.0, "width": 0.2}}
     problem = known.problem({"coulomb_friction": FRICTION["coulomb_friction"]}, seed=60, at=known.motion(60, runs=6,
                             seconds=3.0), sigma=0.05)  # fmt: skip

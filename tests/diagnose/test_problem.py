@@ -84,8 +84,8 @@ def test_a_brake_stiffer_than_data_show_is_found_behind_play_and_a_spring() -> N
         for k in range(part.start, part.stop):
             reach = gap + compliance * slips[k]
             shaft = min(max(shaft, at.q[k] - reach), at.q[k] + reach)
-            apart = at.q[k] - shaft
-            torque[k] = (apart - min(max(apart, -gap), gap)) / compliance
+            stretch = at.q[k] - shaft
+            torque[k] = (stretch - min(max(stretch, -gap), gap)) / compliance
     torque += 0.02 * np.random.default_rng(50).normal(size=len(torque))
     problem = known.posed(replace(at, torque=torque), sigma=0.02)
     layout = problem.parameters(("backlash", "series_compliance"))
@@ -170,7 +170,7 @@ def test_the_way_of_logging_is_that_of_the_least_plain_error(way: float, wrong: 
 
 @pytest.mark.parametrize("unit", ["N·m", "bar"])
 def test_a_gear_carries_the_inertia_behind_it(unit: str) -> None:
-    """Stated beside an inertia where the control input is a load on the same teeth, not where it is a pressure."""
+    """Stated with an inertia where the control input is a load on the same teeth, not where it is a pressure."""
     hidden = {"rotor_inertia": {"inertia": 0.02}, "load_friction": {"F1": 0.3, "inertia": 0.02}}
     at = known.motion(61, runs=6, seconds=3.0)
     at = replace(at, ranges=replace(at.ranges, load=True, carried=True))
@@ -185,14 +185,14 @@ def test_a_gear_carries_the_inertia_behind_it(unit: str) -> None:
 
 
 def test_samples_without_weight_do_not_count() -> None:
-    """Spoiled samples of weight 0 leave the fit as it is without them."""
+    """Corrupted samples of weight 0 leave the fit as it is without them."""
     problem = known.problem()
     clean = known.fitted(problem)
-    spoiled = known.problem()
-    at = np.arange(len(spoiled.weight)) % 50 < 5
-    spoiled.weight[at] = 0.0
-    spoiled.motion.torque[at] += 30.0
-    fit = known.fitted(spoiled)
+    corrupted = known.problem()
+    at = np.arange(len(corrupted.weight)) % 50 < 5
+    corrupted.weight[at] = 0.0
+    corrupted.motion.torque[at] += 30.0
+    fit = known.fitted(corrupted)
     error = np.sqrt(np.diag(covariance(clean)))
     assert (np.abs(fit.x - clean.x) < 3.0 * error).all()
     assert fit.equations.count < 0.92 * clean.equations.count

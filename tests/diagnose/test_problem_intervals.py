@@ -41,8 +41,8 @@ def test_covariance_of_few_trajectories_is_that_of_the_noise() -> None:
     np.testing.assert_allclose(covariance(fit), grown * want, rtol=1e-5)
 
 
-def test_covariance_of_alike_trajectories_is_that_of_the_noise() -> None:
-    """Forty alike trajectories scatter as the noise says: the jackknife raises the error by its own scatter at most."""
+def test_covariance_of_equal_trajectories_is_that_of_the_noise() -> None:
+    """Forty equal trajectories scatter as the noise says: the jackknife raises the error by its own scatter at most."""
     fit = regression(2, 40)
     want = fit.sigma**2 * np.linalg.inv(fit.table @ fit.table.T)
     ratio = np.sqrt(np.diag(covariance(fit)) / np.diag(want))

@@ -1,4 +1,4 @@
-"""What is called a cause has shown it: its interval excludes zero, its size is possible, unseen trajectories gain."""
+"""A named cause is proven: its interval excludes zero, its size is possible, unseen trajectories gain."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from mrwarp.diagnose import proof
 from mrwarp.diagnose.held_out import Account, Share, held_out_squares
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, reported_fit
 from mrwarp.diagnose.proof import (
-    _gain_doubt,
-    _halves_doubt,
-    _interval_doubt,
+    _gain_rejection,
+    _halves_rejection,
+    _interval_rejection,
     _possible_alternatives,
-    _size_doubt,
+    _size_rejection,
     select_proven,
     without_parts,
 )
@@ -31,15 +31,15 @@ def proven(hidden: dict, candidates: list[str], seed: int = 50):
 
 def test_an_effect_of_possible_size_is_a_cause() -> None:
     """A sensor that lags 6 ms is named and nothing is suspected."""
-    selection, doubts = proven({"torque_sensor_lag": {"time_constant": 0.006}}, ["torque_sensor_lag", "cogging"])
-    assert selection.named == ["torque_sensor_lag"] and not doubts
+    selection, rejections = proven({"torque_sensor_lag": {"time_constant": 0.006}}, ["torque_sensor_lag", "cogging"])
+    assert selection.named == ["torque_sensor_lag"] and not rejections
 
 
 def test_an_effect_of_impossible_size_is_a_suspect() -> None:
     """A sensor that lags 50 ms passes no motion: it is a suspect, with its reason, and the model stays without it."""
-    selection, [doubt] = proven({"torque_sensor_lag": {"time_constant": 0.05}}, ["torque_sensor_lag", "cogging"])
+    selection, [rejection] = proven({"torque_sensor_lag": {"time_constant": 0.05}}, ["torque_sensor_lag", "cogging"])
     assert "torque_sensor_lag" not in selection.final.effects
-    assert doubt.effect == "torque_sensor_lag" and "ms are not possible" in doubt.reason
+    assert rejection.effect == "torque_sensor_lag" and "ms are not possible" in rejection.reason
     assert {c.effect for c in selection.screened} == {"torque_sensor_lag", "cogging"}  # it still counts as tried
 
 
@@ -53,8 +53,8 @@ def test_an_effect_of_impossible_size_is_a_suspect() -> None:
 )
 def test_an_effect_of_the_wrong_sign_is_a_suspect(effect: str, numbers: dict[str, float]) -> None:
     """No rotor has a negative inertia, and what wears or warms up does not gain torque."""
-    selection, [doubt] = proven({effect: numbers}, [effect])
-    assert not selection.named and "negative" in doubt.reason
+    selection, [rejection] = proven({effect: numbers}, [effect])
+    assert not selection.named and "negative" in rejection.reason
 
 
 def test_an_alternative_is_possible_too() -> None:
@@ -70,20 +70,20 @@ def test_an_alternative_is_possible_too() -> None:
     assert _possible_alternatives(selection, models) == {"wear": ()}
 
 
-def test_a_lag_that_is_too_short_to_be_told_is_an_alternative(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is named in its place may stand for it; what was named beside it does not."""
+def test_a_lag_that_is_too_short_to_be_named_is_an_alternative(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cause named in its place may stand for it; a cause named next to it does not."""
     hidden = {"torque_sensor_lag": {"time_constant": 0.0035}, "cogging": {"sine": 0.1, "cosine": 0.0, "periods": 25.0}}
     problem = replace(known.problem(hidden, at=known.motion(50, runs=6, seconds=3.0)), misfit=True)
     models = Models(problem, known.fitted(problem))
     screened = screen_candidates(problem, models.base, list(hidden))
-    for beside in ((), ("cogging",)):
-        first = known.fitted(problem, {effect: hidden[effect] for effect in ("torque_sensor_lag", *beside)})
+    for others in ((), ("cogging",)):
+        first = known.fitted(problem, {effect: hidden[effect] for effect in ("torque_sensor_lag", *others)})
         steps = [known.fitted(problem, {"cogging": hidden["cogging"]}), first]
         found = Selection(base=models.base, final=first, screened=screened, fits=models.fits, leftovers=[])
         monkeypatch.setattr(proof, "select", lambda *at, models, of=(found, steps): replace(of[0], final=of[1].pop()))
-        selection, [doubt] = select_proven(models, screened)
-        assert selection.named == ["cogging"] and "shorter than a sample" in doubt.reason
-        assert selection.alternatives.get("cogging", ()) == (() if beside else ("torque_sensor_lag",))
+        selection, [rejection] = select_proven(models, screened)
+        assert selection.named == ["cogging"] and "shorter than a sample" in rejection.reason
+        assert selection.alternatives.get("cogging", ()) == (() if others else ("torque_sensor_lag",))
 
 
 @pytest.mark.parametrize("one", [True, False])
@@ -99,7 +99,7 @@ def test_a_true_lag_is_as_long_in_slow_motion_as_in_quick(one: bool) -> None:
             torque[part] = slow.motion.torque[part]
     problem = known.posed(replace(at, torque=torque))
     fit = known.fitted(problem, {"torque_sensor_lag": {"time_constant": 0.006}})
-    assert (not _halves_doubt("torque_sensor_lag", fit, problem)) == one
+    assert (not _halves_rejection("torque_sensor_lag", fit, problem)) == one
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_a_true_lag_is_as_long_in_slow_motion_as_in_quick(one: bool) -> None:
 )
 def test_a_gain_counts_by_trajectories(before: list[float], proof: bool) -> None:
     """One trajectory that gains is chance, all of them are not; those of large torque do not decide alone."""
-    assert (not _gain_doubt(np.array(before), np.ones(len(before)))) == proof
+    assert (not _gain_rejection(np.array(before), np.ones(len(before)))) == proof
 
 
 def test_cogging_at_one_angle_only_is_a_suspect() -> None:
@@ -119,7 +119,7 @@ def test_cogging_at_one_angle_only_is_a_suspect() -> None:
         plus = wave * (np.abs(at.q) < 0.5 * np.abs(at.q).max()) if local else wave
         problem = known.problem(at=at, seed=50, plus=plus)
         fit = known.fitted(problem, {"cogging": {"sine": 0.05, "cosine": 0.0, "periods": 25.0}})
-        assert bool(_halves_doubt("cogging", fit, problem)) == local
+        assert bool(_halves_rejection("cogging", fit, problem)) == local
 
 
 def with_gear(problem: Problem, **numbers: float) -> Fit:
@@ -137,23 +137,25 @@ def test_what_another_term_takes_back_is_a_suspect() -> None:
     problem = known.problem(seed=50, at=known.motion(50, runs=4, seconds=2.0))
     stiffness = 300.0 * problem.motion.torque.std() / np.ptp(problem.motion.q)
     made = with_gear(problem, stiffness=float(stiffness), half_gap=1e-3)
-    assert "times the torque" in _size_doubt("compliance_with_backlash", made, problem)
+    assert "times the torque" in _size_rejection("compliance_with_backlash", made, problem)
 
 
-@pytest.mark.parametrize(("runs", "doubt"), [(2, "less than half of the runs"), (6, "")])
-def test_play_that_few_runs_would_cross_is_a_suspect(runs: int, doubt: str) -> None:
+@pytest.mark.parametrize(("runs", "rejection"), [(2, "less than half of the runs"), (6, "")])
+def test_play_that_few_runs_would_cross_is_a_suspect(runs: int, rejection: str) -> None:
     """A spring that the widest two of eight runs would reach; one that six reach is possible."""
     problem = known.problem(seed=50, at=known.motion(50, runs=8, seconds=2.0))
     reach = sorted(np.abs(problem.motion.q[part] - problem.q_zero).max() for part in problem.motion.parts)
     made = with_gear(problem, stiffness=0.3, half_gap=float(reach[-runs] - 1e-6))
-    assert doubt in (found := _size_doubt("compliance_with_backlash", made, problem)) and bool(doubt) == bool(found)
+    assert rejection in (found := _size_rejection("compliance_with_backlash", made, problem)) and bool(
+        rejection
+    ) == bool(found)
 
 
 def test_a_suspect_comes_back_through_no_earlier_fit() -> None:
-    """What is left is searched without it."""
+    """The rest is searched without it."""
     hidden = {"torque_sensor_lag": {"time_constant": 0.05}, "cogging": {"sine": 0.1, "cosine": 0.0, "periods": 25.0}}
-    selection, doubts = proven(hidden, ["torque_sensor_lag", "cogging"])
-    assert doubts[0].effect == "torque_sensor_lag"
+    selection, rejections = proven(hidden, ["torque_sensor_lag", "cogging"])
+    assert rejections[0].effect == "torque_sensor_lag"
     assert not any("torque_sensor_lag" in effects for effects in selection.fits)
 
 
@@ -169,8 +171,8 @@ def test_a_piece_of_something_much_larger_is_a_suspect(times: float, stays: bool
     part = Share(share=0.5, ci95=(0.4, 0.6))
     much = replace(part, share=float(1.0 - plain[1] / plain[0]) * times)
     account = Account(named=part, repeatable=much, not_repeatable=part, left=0.1, cycle_spread=None, learnable=part)
-    found, doubts = without_parts(models, selection, account)
-    assert found.named == (["torque_sensor_lag"] if stays else []) and len(doubts) == (not stays)
+    found, rejections = without_parts(models, selection, account)
+    assert found.named == (["torque_sensor_lag"] if stays else []) and len(rejections) == (not stays)
 
 
 @pytest.mark.parametrize(("effect", "times", "known_"), [
@@ -186,7 +188,7 @@ def test_of_two_numbers_one_has_to_be_clear_of_zero(effect: str, times: float, k
     x = fit.x.copy()
     x[[first, *others[:1]]] = 0.0
     x[first] = times * 0.5 * (high - low)
-    assert (not _interval_doubt(effect, replace(fit, x=x))) == known_
+    assert (not _interval_rejection(effect, replace(fit, x=x))) == known_
 
 
 def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,10 +208,10 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
         cycle_spread=None,
         learnable=part,
     )
-    found, [doubt] = without_parts(models, selection, account)
-    assert found.named == ["cogging"] and doubt.effect == "torque_sensor_lag"
+    found, [rejection] = without_parts(models, selection, account)
+    assert found.named == ["cogging"] and rejection.effect == "torque_sensor_lag"
     reason = "its 95 % interval contains zero"
-    monkeypatch.setattr(proof, "_interval_doubt", lambda effect, fit: "" if len(fit.effects) > 1 else reason)
-    found, doubts = without_parts(models, selection, account)
-    assert not found.named and [doubt.effect for doubt in doubts] == ["torque_sensor_lag", "cogging"]
-    assert doubts[1].reason == reason
+    monkeypatch.setattr(proof, "_interval_rejection", lambda effect, fit: "" if len(fit.effects) > 1 else reason)
+    found, rejections = without_parts(models, selection, account)
+    assert not found.named and [rejection.effect for rejection in rejections] == ["torque_sensor_lag", "cogging"]
+    assert rejections[1].reason == reason

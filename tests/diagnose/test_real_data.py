@@ -1,7 +1,7 @@
 """Real recordings: what their authors published about the devices must be found in them.
 
 The recordings are not part of the repository (docs/diagnosis.md says where they come from); the tests are skipped
-where they are absent. Their folder is ``shared/data`` beside the repository, or what ``MRWARP_DATA`` names.
+where they are absent. Their folder is ``shared/data`` next to the repository, or what ``MRWARP_DATA`` names.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""What a model leaves: groups of smooth functions find structure along their variables, and lines are found."""
+"""Rest of a model: groups of smooth functions find structure along their variables, and lines are found."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -69,7 +69,7 @@ STRUCTURE = {
 
 @pytest.mark.parametrize("name", list(STRUCTURE))
 def test_structure_shows_in_its_variables(name: str) -> None:
-    """What is added to the torque of the joint stands first among the leftovers, under a variable it depends on."""
+    """A term added to the joint's torque stands first among the leftovers, under a variable it depends on."""
     make, variables = STRUCTURE[name]
     motion = known.motion(5)
     problem = known.problem(seed=5, at=motion, plus=make(motion, motion))
@@ -102,7 +102,7 @@ def samples(lengths: list[int]) -> Dataset:
 
 
 def line_in(mismatch: np.ndarray, torque: np.ndarray, lengths: list[int]) -> Line | None:
-    """The line in a mismatch beside a simulated torque, in white noise of size 1."""
+    """The line in a mismatch next to a simulated torque, in white noise of size 1."""
     data = dataclasses.replace(samples(lengths), torque=mismatch + torque)
     problem: Any = SimpleNamespace(motion=data, noise=known.white(1.0))
     fit: Any = SimpleNamespace(torque=torque)
@@ -165,7 +165,7 @@ def test_line_in_few_trajectories_is_none() -> None:
 
 
 def test_shorter_trajectories_are_left_out() -> None:
-    """Trajectories of less than nine tenths of the usual length do not spoil the bins."""
+    """Trajectories of less than nine tenths of the usual length do not distort the bins."""
     lengths = [800] * 8 + [300] * 3
     found = line_in(with_line(6, lengths, 33.0, 0.8), still(lengths), lengths)
     assert found is not None and found.frequency == pytest.approx(33.0, abs=0.15)

@@ -21,7 +21,7 @@ VERDICTS = ("none", "named", "unexplained", "named_and_unexplained", None)
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_every_verdict_has_the_keys_of_the_contract(verdict, tmp_path: Path) -> None:
-    """All keys are there whatever the verdict; the file is JSON without NaN."""
+    """All keys are there for any verdict; the file is JSON without NaN."""
     path = made_up.make(verdict).write(tmp_path, "mrwarp diagnose data")
     content = json.loads(path.read_text(), parse_constant=lambda text: pytest.fail(f"{text} is no JSON"))
     assert set(content) >= CONTRACT

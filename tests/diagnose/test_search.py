@@ -193,7 +193,7 @@ def to_and_fro(speed: float, friction: float, rng: np.random.Generator) -> Traje
 
 
 def test_the_order_of_files_is_no_time() -> None:
-    """What a wear gains where friction falls from file to file with the speed, and each file begins at 0 s.
+    """Gain of wear where friction falls from file to file with the speed, and each file begins at 0 s.
 
     In any order of the files it is the same, and little of what it would be by a clock that runs on.
     """

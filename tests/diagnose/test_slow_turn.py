@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from mrwarp.diagnose.problem import Problem, fit_model, reported_fit
-from mrwarp.diagnose.proof import _size_doubt, select_proven
+from mrwarp.diagnose.proof import _size_rejection, select_proven
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import screen_candidates
 from mrwarp.effects.catalogue import parameter_of
@@ -52,8 +52,8 @@ def test_each_line_that_predicts_is_found_through_the_lag_of_a_drive() -> None:
     stiff = {"D": 0.0, "B": 0.1, "C": 0.0, "I1": 0.0, "K0": 30.0, "K1": 0.0, "alpha": 0.0, "beta": 100.0, "gamma": 0.0}
     base = fit_model(problem, layout, known.vector(layout, **stiff))
     models = Models(problem, base)
-    selection, doubts = select_proven(models, screen_candidates(problem, base, ["cogging", "torque_sensor_lag"]))
-    assert set(selection.named) == {"cogging", "torque_sensor_lag"} and not doubts
+    selection, rejections = select_proven(models, screen_candidates(problem, base, ["cogging", "torque_sensor_lag"]))
+    assert set(selection.named) == {"cogging", "torque_sensor_lag"} and not rejections
     fit = models.reported(selection.final)
     numbers, turn = fit.parameters.values(fit.x), problem.motion.scales.q
     repeats = [value / turn for name, value in numbers["cogging"].items() if name.startswith("periods")]
@@ -75,14 +75,14 @@ def test_noise_has_no_lines() -> None:
 
 @pytest.mark.parametrize(("unit", "possible"), [("A", True), ("V", True), ("N·m", False)])
 def test_what_lags_may_be_a_drive(unit: str, possible: bool) -> None:
-    """A drive's report may lag by 0.1 s and more; a sensor of torque does not, whatever the data say."""
+    """A drive's report may lag by 0.1 s and more; a sensor of torque does not, with any data."""
     problem = posed(turned_once(unit))
     ranges, bound = problem.motion.ranges, parameter_of("torque_sensor_lag", "time_constant")
     assert ranges.drive == possible and (bound.most(ranges) > 0.15) == possible
     layout = problem.parameters(("torque_sensor_lag",))
     x = known.vector(layout, {"torque_sensor_lag": {"time_constant": 0.09}})
     fit = fit_model(problem, layout, x, iterations=0)
-    assert ("are not possible" in _size_doubt("torque_sensor_lag", fit, problem)) != possible
+    assert ("are not possible" in _size_rejection("torque_sensor_lag", fit, problem)) != possible
 
 
 def test_a_turn_that_ends_a_little_short_is_one() -> None:

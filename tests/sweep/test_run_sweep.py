@@ -115,7 +115,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, capsys: pytest
     assert not out.exists() or not any(out.iterdir())
 
 
-def sweep_beside(args: list[str], out: Path) -> None:
+def second_sweep(args: list[str], out: Path) -> None:
     """A sweep in a process of its own; what it says goes to files."""
     # a shell that starts the tests in the background has it ignored
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -137,7 +137,7 @@ def test_ctrl_c_stops_the_workers_and_the_same_command_goes_on(
     """SIGINT, or SIGTERM of a scheduler: code 130, no process left, checkpoints kept; the next call finishes."""
     args = ["--out", str(tmp_path), "--command", "train", "--grid", "seed=0,1,2", "--workers", "2"]
     monkeypatch.setenv("FAKE_STEP_TIME", "0.5")
-    run = multiprocessing.get_context("fork").Process(target=sweep_beside, args=(args, tmp_path))
+    run = multiprocessing.get_context("fork").Process(target=second_sweep, args=(args, tmp_path))
     run.start()
     assert run.pid is not None
     deadline = time.monotonic() + 60.0

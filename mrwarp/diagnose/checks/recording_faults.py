@@ -1,16 +1,16 @@
-"""What went wrong with a recording: runs of another device, or whose torque has another zero, sign or factor.
+"""Faults of a recording: runs of another device, or whose torque has another zero, sign or factor.
 
 Eqs. 14 and 15 with few numbers describe all runs together, each with an offset of its own; runs that they do not fit
-count less (iteratively re-weighted least squares), so a minority of spoilt runs does not bend what the rest says.
+count less (iteratively re-weighted least squares), so a minority of faulty runs does not bend the others' fit.
 Offsets that fall into two groups with a wide gap between them are a zero that moved between runs; they have to show
 in both halves of the runs. Runs that fit with the other sign only are reversed; factors in two groups are another
 gain, where the control input of these runs is among that of the others and the factor makes them runs like these.
 What scatters without a gap is left to the noise, and so is what goes with the place or the control input of the runs.
 Runs that need other coefficients altogether are of another device (clusterwise regression, Spaeth, Computing 22,
 1979): its own group has to describe each run far better than the other, which a drift from run to run is not, and to
-foretell most runs without them, better than boosting foretells them from all others: what one function of the motion
-describes is one device, whatever its law. It is looked for first, for some of its runs would be taken for another
-gain; where one factor makes the groups alike, it is a gain.
+predict most runs without them, better than boosting predicts them from all others: what one function of the motion
+describes is one device, of any law. It is looked for first, for some of its runs would be taken for another
+gain; where one factor makes the groups equal, it is a gain.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ _GAP, _GAIN_GAP = 2.0, 0.7
 _ERRORS = 6.0
 """Least width of the gap, in standard errors of a run."""
 _ZERO, _GAIN = 0.05, 0.25
-"""Smallest moved zero, in standard deviations of the torque, and smallest other gain that are told [1]."""
-_ALIKE, _SIMILAR, _MOST = 0.9, 1.6, 0.7
+"""Smallest moved zero, in standard deviations of the torque, and smallest other gain that are reported [1]."""
+_FITS, _SIMILAR, _MOST = 0.9, 1.6, 0.7
 """Least correlation of a run with what the others say, largest factor, and share of the runs for which both hold."""
 _AS_WELL = 1.5
 """Largest error of a run of another gain that is left after its factor, over that of the middle of the others."""
@@ -43,13 +43,13 @@ _FITS = 0.7
 """Least correlation, turned round, of a run that is called reversed."""
 _CONFOUNDED = 0.8
 """Share of the offsets' variance that place and control input of the runs may explain."""
-_APART = 2.0
+_FAR = 2.0
 """Least factor by which the other group's coefficients leave more of each run than its own group's."""
-_FORETOLD = 2.0
-"""The same factor for the middle run of each group where its own group does not have the run: one that is alone with
-its control input is foretold by nobody."""
+_PREDICTED = 2.0
+"""That factor for the middle run of each group where its own group does not have the run: one that is alone with
+its control input is predicted by no other."""
 _BOOSTING, _LEARNED = 1.25, 6000
-"""The same factor against boosting that learns from runs of both groups, and most samples that it learns from."""
+"""That factor against boosting that learns from runs of both groups, and most samples that it learns from."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ class RecordingFault:
     ci95: tuple[float, float]
     """Over runs."""
     per_trajectory: dict[str, float]
-    """The same number for each run of the recording; without the fault 0 (a zero) or 1 (a factor)."""
+    """That number for each run of the recording; without the fault 0 (a zero) or 1 (a factor)."""
     sentence: str
 
 
@@ -110,20 +110,20 @@ def zeros_about(recording: Recording, zeros: Mapping[str, float], moved: Sequenc
     return _fault(recording, "torque_zero", far, values, recording.units["torque"], 0.0)
 
 
-def _alike(fit: SharedFit) -> np.ndarray:
+def _similar(fit: SharedFit) -> np.ndarray:
     """Runs that what all agree on fits."""
     factors, fits = fit.factors()
-    return (fits > _ALIKE) & (np.abs(np.log(np.maximum(factors, 1e-3))) < np.log(_SIMILAR))
+    return (fits > _FITS) & (np.abs(np.log(np.maximum(factors, 1e-3))) < np.log(_SIMILAR))
 
 
 def _moved_zero(recording: Recording, table: RunTable) -> RecordingFault | None:
     fit = table.fit
-    alike = _alike(fit)
-    if np.mean(alike) < _MOST:
+    similar = _similar(fit)
+    if np.mean(similar) < _MOST:
         return None  # one description does not fit the runs: an offset would stand for something else
     rest = [y - x @ fit.coefficients for x, y in zip(fit.rows, table.torque, strict=True)]
     offsets = np.array([r.mean() for r in rest])
-    # a run's cycles are few and alike: its own slow misfit is the error of its offset
+    # a run's cycles are few and similar: its own slow misfit is the error of its offset
     split = _two_groups(offsets, _GAP, max(_ZERO * table.std, _ERRORS * _rms([_error_of_mean(r) for r in rest])))
     if split is None or _explained(offsets, table.places):
         return None
@@ -131,7 +131,7 @@ def _moved_zero(recording: Recording, table: RunTable) -> RecordingFault | None:
     if not _lasts(halves, split, offsets):
         return None
     near, far = sorted(split, key=lambda group: float(abs(np.median(offsets[group]))))
-    if not alike[far].all():
+    if not similar[far].all():
         return None
     zero = float(offsets[near].mean())
     return _fault(recording, "torque_zero", far, offsets - zero, recording.units["torque"], zero)
@@ -174,13 +174,13 @@ def _reversed_runs(recording: Recording, table: RunTable) -> RecordingFault | No
     signs = np.where(turns, -1.0, 1.0)
     fault = _fault(recording, "torque_sign", turned, signs, "1", 1.0)
     table.take(_mended(recording, fault))
-    alike = _alike(table.fit)
-    return fault if alike[turned].all() and np.mean(alike) > _MOST else None
+    similar = _similar(table.fit)
+    return fault if similar[turned].all() and np.mean(similar) > _MOST else None
 
 
 def _other_gain(recording: Recording, table: RunTable) -> RecordingFault | None:
     factors, fits = table.fit.factors()
-    if factors.min() <= 0.0 or np.mean(fits > _ALIKE) < _MOST:
+    if factors.min() <= 0.0 or np.mean(fits > _FITS) < _MOST:
         return None
     split = _two_groups(np.log(factors), 0.5 * _GAIN_GAP, 0.5 * np.log1p(_GAIN))
     if split is None:
@@ -195,7 +195,7 @@ def _other_gain(recording: Recording, table: RunTable) -> RecordingFault | None:
     if np.isin(few, agree).any():
         return None  # by another look at the same runs others stand out: that is the description, not the runs
     covered = _covered(recording, table.conditions[:, 2:4], few, most)
-    if 3 * len(few) > len(factors) or not (fits[few] > _ALIKE).all() or not covered:
+    if 3 * len(few) > len(factors) or not (fits[few] > _FITS).all() or not covered:
         return None
     left = 1.0 - fits**2  # after its own factor, as a share of the run's energy
     if left[few].max() > _AS_WELL**2 * np.median(left[most]):
@@ -209,8 +209,8 @@ def _other_device(recording: Recording, table: RunTable) -> RecordingFault | Non
     if min(second.sum(), (~second).sum()) < LEAST_GROUP:
         return None
     by_other, by_own, by_rest = fit.left_by_groups(second)
-    apart = np.sqrt(by_other / by_own)
-    if apart.min() < _APART or _better(by_rest, by_other, second) < _FORETOLD or _separable(table.conditions, second):
+    distance = np.sqrt(by_other / by_own)
+    if distance.min() < _FAR or _better(by_rest, by_other, second) < _PREDICTED or _separable(table.conditions, second):
         return None
     if _better(by_rest, _left_by_boosting(recording, fit, table.every), second) < _BOOSTING:
         return None
@@ -220,10 +220,10 @@ def _other_device(recording: Recording, table: RunTable) -> RecordingFault | Non
     gain = float(np.median(factors[few]))
     most = fit.agreed(~few / np.maximum(fit.spread**2, 1e-30))
     own = fit.agreed(few / np.maximum(fit.spread**2, 1e-30))
-    if gain > 0.0 and (fit.left_by(gain * most) < _APART**2 * fit.left_by(own))[runs].all():
-        alike = bool((fits[few] > _ALIKE).all()) and abs(math.log(gain)) > math.log1p(_GAIN)
-        return _fault(recording, "torque_gain", runs, factors, "1", 1.0) if alike else None
-    return _fault(recording, "other_device", runs, np.where(few, apart, 1.0), "1", 1.0)
+    if gain > 0.0 and (fit.left_by(gain * most) < _FAR**2 * fit.left_by(own))[runs].all():
+        similar = bool((fits[few] > _FITS).all()) and abs(math.log(gain)) > math.log1p(_GAIN)
+        return _fault(recording, "torque_gain", runs, factors, "1", 1.0) if similar else None
+    return _fault(recording, "other_device", runs, np.where(few, distance, 1.0), "1", 1.0)
 
 
 def _better(by_rest: np.ndarray, otherwise: np.ndarray, second: np.ndarray) -> float:
@@ -233,7 +233,7 @@ def _better(by_rest: np.ndarray, otherwise: np.ndarray, second: np.ndarray) -> f
 
 
 def _left_by_boosting(recording: Recording, fit: SharedFit, every: int) -> np.ndarray:
-    """What boosting leaves of each run after learning on other runs of either group, as mean square, shape (R,)."""
+    """Rest of each run by boosting after learning on other runs of either group, as mean square, shape (R,)."""
     motion = Motion.of(recording)
     kept = np.concatenate([np.arange(part.start, part.stop, every) for part in motion.parts])
     smooth = np.zeros((fit.rows[0].shape[1], len(motion.q)))
@@ -245,9 +245,9 @@ def _left_by_boosting(recording: Recording, fit: SharedFit, every: int) -> np.nd
 
 
 def _separable(conditions: np.ndarray, second: np.ndarray) -> bool:
-    """Whether one condition of the runs tells the groups apart: then it, and not the device, may be what differs."""
-    apart = [x[second].max() < x[~second].min() or x[~second].max() < x[second].min() for x in conditions.T]
-    return any(apart)
+    """Whether one condition of the runs separates the groups: then it, and not the device, may be what differs."""
+    distance = [x[second].max() < x[~second].min() or x[~second].max() < x[second].min() for x in conditions.T]
+    return any(distance)
 
 
 def _covered(recording: Recording, moves: np.ndarray, few: np.ndarray, most: np.ndarray) -> bool:
@@ -260,7 +260,7 @@ def _covered(recording: Recording, moves: np.ndarray, few: np.ndarray, most: np.
 
 
 def _two_groups(values: np.ndarray, share: float, least: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Places of the values below and above a gap that is wide beside both groups' ranges; None: there is none."""
+    """Places of the values below and above a gap that is wide next to both groups' ranges; None: there is none."""
     order = np.argsort(values)
     ranked = values[order]
     cut = int(np.argmax(np.diff(ranked))) + 1

@@ -1,4 +1,4 @@
-"""Spikes of a recording: found beside everything smooth, kept out of every fit, and counted."""
+"""Spikes of a recording: found on top of everything smooth, kept out of every fit, and counted."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Spikes:
 
     @property
     def sentence(self) -> str:
-        """What was found, for people."""
+        """The findings, for people."""
         worst = max(self.per_trajectory, key=lambda name: self.per_trajectory[name])
         return (
             f"{self.samples} samples ({100.0 * self.share:.2g} %) are spikes, most of them in {worst} "
@@ -46,7 +46,7 @@ class Spikes:
 
 
 def spikes_of(problem: Problem, fit: Fit, recording: Recording) -> Spikes | None:
-    """The spikes of a data set beside a model of it, or None.
+    """The spikes of a data set on top of a model of it, or None.
 
     What the model leaves is fitted by smooth functions of all that was measured, again and again without what stands
     far out, so that neither a missing effect passes for spikes, nor do spikes bend what they are judged by.

@@ -1,4 +1,4 @@
-"""What a diagnosis is doing and how long it may still take, said at least every few seconds."""
+"""Stage of a diagnosis and the time that it may still take, printed at least every few seconds."""
 
 from __future__ import annotations
 

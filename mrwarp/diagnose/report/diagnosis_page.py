@@ -21,7 +21,7 @@ from mrwarp.recording.data import NO_INPUT, true_names
 from mrwarp.run_dir import versions
 
 _AS_IS = {"source", "data", "extended", "seed", "unexplained"}
-"""What the page shows as it stands: names of files and what units do not change."""
+"""Texts that the page shows unchanged: names of files and what units do not change."""
 
 _NUMBERS = 3
 """Numbers of a cause that the first screen shows."""
@@ -108,7 +108,7 @@ def _content(d: Diagnosis) -> dict[str, Any]:
 
 
 def _taken(t: Tried) -> str:
-    """What an effect takes away; at size zero it is the baseline, so less than nothing is nothing."""
+    """Share that an effect takes away; at size zero it is the baseline, so less than nothing is nothing."""
     return "nothing" if t.gain < 5e-4 else f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}"
 
 
@@ -179,7 +179,7 @@ def _shift(s: Shift) -> tuple[str, ...]:
 
 def _experiment(e: NextExperiment) -> dict[str, str]:
     names = [text.title(name) for name in e.separates]
-    purpose = f"tells apart {text.both(names)}" if len(names) > 1 else f"shows {text.both(names) or 'more'}"
+    purpose = f"separates {text.both(names)}" if len(names) > 1 else f"shows {text.both(names) or 'more'}"
     settings = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in e.settings.items())
     seconds = f"{e.seconds:.0f} s" if e.seconds < 180.0 else f"{e.seconds / 60.0:.0f} min"
     kind = e.kind.replace("_", " ")
@@ -231,8 +231,8 @@ def _data(d: Diagnosis) -> list[tuple[str, str]]:
     if runs:
         length = sum(float(run.t[-1] - run.t[0]) for run in runs)
         rates = np.array([1.0 / run.dt for run in runs])
-        alike = np.ptp(rates) < 0.01 * rates.min()
-        rate = f"{rates.min():.4g} Hz" if alike else f"{rates.min():.4g} to {rates.max():.4g} Hz"
+        equal = np.ptp(rates) < 0.01 * rates.min()
+        rate = f"{rates.min():.4g} Hz" if equal else f"{rates.min():.4g} to {rates.max():.4g} Hz"
         derived = sum(run.qd_derived for run in runs)
         velocity = "as recorded"
         if derived:

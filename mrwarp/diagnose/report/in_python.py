@@ -21,7 +21,7 @@ from mrwarp.run_dir import write_bytes, write_text
 from mrwarp.runtime import core_count
 
 COMMAND = "mrwarp.diagnose(...)"
-"""What the report names as its origin."""
+"""Origin named in the report."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class Fitted:
     """An identified joint."""
 
     model: Model
-    """What ``model.json`` holds; :func:`mrwarp.save_model` writes it."""
+    """Content of ``model.json``; :func:`mrwarp.save_model` writes it."""
     nrmse: float
     """RMS of measured minus simulated torque over the standard deviation of the measured one [1]."""
     result: FitResult
@@ -47,7 +47,7 @@ def fit(
     skip_bad: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Fitted:
-    """Identify eqs. 14 and 15, or another hysteresis law, and eq. 18 where break-away torques lie beside the files.
+    """Identify eqs. 14 and 15, or another hysteresis law, and eq. 18 where break-away torques lie next to the files.
 
     Example:
         >>> import mrwarp
@@ -124,7 +124,7 @@ def diagnose_files(
     skip_bad: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Found:
-    """What the simulation of a measured joint gets wrong, its causes, and the model extended by them.
+    """Errors of a measured joint's simulation, their causes, and the model extended by them.
 
     Example:
         >>> import mrwarp

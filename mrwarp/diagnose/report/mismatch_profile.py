@@ -35,7 +35,7 @@ _LEAST_OF_CELL = 30
 
 @dataclass(frozen=True, kw_only=True)
 class Axis:
-    """What mismatch is drawn against."""
+    """Axis against which mismatch is drawn."""
 
     label: str
     """With its unit."""
@@ -52,7 +52,7 @@ class Profile:
 
     axis: Axis
     meaning: str
-    """What a positive mismatch means; empty for the plain one."""
+    """Meaning of a positive mismatch; empty for the plain one."""
     x: np.ndarray
     before: np.ndarray
     after: np.ndarray
@@ -84,7 +84,7 @@ def best_profile(axes: Iterable[Axis], traces: Traces) -> Profile | None:
 
 
 def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
-    """What can stand for a variable of ``depends_on``; several for ``memory``, none for ``frequency``."""
+    """Signals for a variable of ``depends_on``; several for ``memory``, none for ``frequency``."""
     t, amps, torque = traces, units["current"], units["torque"]
     name, simulated = quantity("current", units), f"simulated {quantity('torque', units)}"
     views = _views(t)
@@ -141,7 +141,7 @@ def _fine_periods(t: Traces) -> float:
 
 
 def predicted(traces: Traces, units: dict[str, str]) -> Axis:
-    """What the extension adds, as an axis: if it is the cause, the mismatch follows it one to one."""
+    """Torque that the extension adds, as an axis: if it is the cause, the mismatch follows it one to one."""
     return Axis(
         label=f"what the named cause adds [{units['torque']}]",
         x=_clipped(traces.extended - traces.baseline),
@@ -231,7 +231,7 @@ def _band(rest: np.ndarray, count: np.ndarray, mean: np.ndarray, noise: float) -
     used = (count > 0).sum(0)
     several = used >= 3
     alone = noise**2 / count.sum(0)
-    if not several.any():  # along time a bin belongs to one trajectory: neighbours that differ tell the scatter
+    if not several.any():  # along time a bin belongs to one trajectory: differences of neighbours give the scatter
         jumps = 0.5 * float(np.median(np.diff(mean) ** 2)) / 0.455 if len(mean) > 4 else 0.0
         return 1.96 * np.sqrt(np.maximum(alone, jumps) + 1e-30)
     # few trajectories give an uncertain scatter: draw it towards that of all bins
@@ -313,7 +313,7 @@ class Surface:
     mean: np.ndarray
     """Shape (Y, X); NaN where there are too few samples."""
     meaning: str
-    """What a positive mismatch means; empty for the plain one."""
+    """Meaning of a positive mismatch; empty for the plain one."""
 
 
 def surface(across: Axis, up: Axis, t: Traces) -> Surface | None:

@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis: small PNGs that a phone shows readably, in colours that colour-blind people tell apart."""
+"""Pictures of a diagnosis: small PNGs that a phone shows readably, in colours that colour-blind people distinguish."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def gain_picture(d: Diagnosis) -> Figure | None:
 
 
 def tried_picture(d: Diagnosis) -> Figure | None:
-    """What every effect of the catalogue gains on trajectories left out, alone on top of the baseline.
+    """Gain of every effect of the catalogue on trajectories left out, alone on top of the baseline.
 
     Less than nothing is drawn as nothing: at size zero every effect is the baseline.
     """
@@ -153,7 +153,7 @@ def tried_picture(d: Diagnosis) -> Figure | None:
 
 
 def data_picture(d: Diagnosis) -> Figure | None:
-    """What was measured: the longest trajectory's motion, current and torque, and the loops of all."""
+    """Measured data: the longest trajectory's motion, current and torque, and the loops of all."""
     runs, units = d.recording.trajectories, d.recording.units
     if not runs:
         return None

@@ -1,4 +1,4 @@
-"""A diagnosis in the terminal, and what was asked for besides as tables of the report."""
+"""A diagnosis in the terminal, and further results as tables of the report."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
         found += ["", *text_table(("", "value", "95 % interval"), rows)]
     for cause in d.causes:
         if cause.alternatives:
-            found.append(f"{cause.name}: these data do not tell it from {', '.join(cause.alternatives)}")
+            found.append(f"{cause.name}: these data do not distinguish it from {', '.join(cause.alternatives)}")
     if d.verdict is not None:
         unit = d.baseline.unit
         before, after = text.measured_alike((d.baseline.rmse, d.extended.rmse), unit)
@@ -67,7 +67,7 @@ def predicted_table(means: Mapping[str, Any]) -> Table:
 
 
 def learned_table(found: Mapping[str, Any], unit: str) -> Table:
-    """What a learned residual has left to do, see :func:`mrwarp.identify.learn.left_to_learn`."""
+    """Error left for a learned residual, see :func:`mrwarp.identify.learn.left_to_learn`."""
     pairs = {
         "RMS of what it has to add, all trajectories": found["target"],
         f"RMSE without it, on {len(found['held_out'])} trajectories it was not trained on": found["physical"],

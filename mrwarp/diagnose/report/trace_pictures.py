@@ -174,8 +174,8 @@ def spectrum_picture(d: Diagnosis) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.9), layout="constrained")
     ax = figure.subplots()
     steps = np.array([run.dt for run in d.recording.trajectories])
-    alike = of_commonest_rate(steps, t.start)
-    same, rate = [t.parts[k] for k in np.flatnonzero(alike)], 1.0 / float(np.median(steps[alike]))
+    common = of_commonest_rate(steps, t.start)
+    same, rate = [t.parts[k] for k in np.flatnonzero(common)], 1.0 / float(np.median(steps[common]))
     seen = np.ones(len(t.torque)) if t.counts is None else t.counts
     ax.plot(*_density(seen * (t.torque - t.baseline), same, rate), color=BEFORE, label="baseline")
     if is_extended(t):

@@ -155,7 +155,7 @@ def _plain_laws(data: Dataset) -> np.ndarray:
 
 
 def _rest(table: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """What columns leave of a quantity, shape (N,)."""
+    """Rest of a quantity after columns, shape (N,)."""
     table = table / np.maximum(np.abs(table).max(axis=0), 1e-300)
     return x - table @ np.linalg.lstsq(table, x, rcond=1e-9)[0]
 

@@ -14,13 +14,13 @@ from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.load import Recording, Trajectory, load_recording
 
 DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[3] / "shared" / "data"))
-SPOILT = (1, 4, 5)
+FAULTY = (1, 4, 5)
 
 
-def spoilt(recording: Recording, offset: float = 0.0, factor: float = 1.0) -> Recording:
+def changed(recording: Recording, offset: float = 0.0, factor: float = 1.0) -> Recording:
     """The recording with another torque in some runs."""
     runs = list(recording.trajectories)
-    for k in SPOILT:
+    for k in FAULTY:
         runs[k] = replace(runs[k], torque=factor * runs[k].torque + offset)
     return replace(recording, trajectories=tuple(runs))
 
@@ -42,9 +42,9 @@ def test_silent_without_a_fault(effect: str) -> None:
 def test_a_moved_zero_is_told_and_taken_out(healthy: Recording) -> None:
     """Which runs, and by how much; what is left is the recording as it was, but for one zero of all runs."""
     std = float(np.concatenate([r.torque for r in healthy.trajectories]).std())
-    mended, [fault] = recording_faults(spoilt(healthy, offset=0.3 * std))
+    mended, [fault] = recording_faults(changed(healthy, offset=0.3 * std))
     assert fault.kind == "torque_zero" and fault.unit == "N·m"
-    assert fault.trajectories == tuple(healthy.trajectories[k].id for k in SPOILT)
+    assert fault.trajectories == tuple(healthy.trajectories[k].id for k in FAULTY)
     assert fault.value == pytest.approx(0.3 * std, rel=0.1) and fault.ci95[0] <= fault.value <= fault.ci95[1]
     left = [a.torque - b.torque for a, b in zip(mended.trajectories, healthy.trajectories, strict=True)]
     assert max(float(np.ptp(x)) for x in left) < 1e-9 and np.ptp([x[0] for x in left]) < 0.06 * std
@@ -54,16 +54,16 @@ def test_a_moved_zero_is_told_and_taken_out(healthy: Recording) -> None:
 @pytest.mark.parametrize(("factor", "kind"), [(-1.0, "torque_sign"), (1.8, "torque_gain")])
 def test_another_sign_and_gain(healthy: Recording, factor: float, kind: str) -> None:
     """Runs with the other sign are turned, runs with another factor divided by it."""
-    mended, [fault] = recording_faults(spoilt(healthy, factor=factor))
+    mended, [fault] = recording_faults(changed(healthy, factor=factor))
     assert fault.kind == kind and fault.value == pytest.approx(factor, rel=0.1)
-    assert fault.trajectories == tuple(healthy.trajectories[k].id for k in SPOILT)
-    k = SPOILT[0]
+    assert fault.trajectories == tuple(healthy.trajectories[k].id for k in FAULTY)
+    k = FAULTY[0]
     np.testing.assert_allclose(mended.trajectories[k].torque, factor / fault.per_trajectory[fault.trajectories[0]]
                                * healthy.trajectories[k].torque, rtol=1e-9)  # fmt: skip
 
 
-@pytest.mark.parametrize("runs", [SPOILT, (2, 4, 6, 8, 10, 11)])
-def test_another_device_is_told_and_left_out(healthy: Recording, runs: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("runs", [FAULTY, (2, 4, 6, 8, 10, 11)])
+def test_another_device_is_reported_and_left_out(healthy: Recording, runs: tuple[int, ...]) -> None:
     """Runs of a device with less stress and more friction are named; what is left is the other device alone."""
     mixed = list(healthy.trajectories)
     std = float(np.concatenate([r.torque for r in mixed]).std())
@@ -81,7 +81,7 @@ def test_another_device_is_told_and_left_out(healthy: Recording, runs: tuple[int
 def test_runs_that_a_condition_tells_apart_are_no_other_device(healthy: Recording, condition: str) -> None:
     """Where other runs have another control input or speed too, that may be what changes the torque."""
     moved = list(healthy.trajectories)
-    for k in SPOILT:
+    for k in FAULTY:
         run = moved[k]
         torque = 0.5 * run.torque + 0.5 * run.torque.std() * np.tanh(run.qd / 0.1)
         if condition == "current":

@@ -54,7 +54,7 @@ def test_the_device_is_found_without_its_spikes() -> None:
     assert low < INERTIA < high and inertia.parameters["inertia"].value == pytest.approx(INERTIA, rel=0.15)
     assert account is not None and account.not_repeatable.share > account.spikes > 0.5 and not account.open
     assert found.extended.nrmse < 0.15 and "comes again" not in found.sentence
-    # a device without control input has no lag of one to be told of, and nothing lies along what is not there
+    # a device without control input has no lag of it to report, and no structure lies along an absent signal
     assert not any("coil lag" in text for text in (*found.cannot_know, *found.invisible.values()))
     assert "coil_lag" not in found.invisible and "coil_lag" not in found.detectable
     result = found.to_dict()

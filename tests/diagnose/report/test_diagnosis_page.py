@@ -48,7 +48,7 @@ def test_a_named_cause_is_explained() -> None:
 
 
 def test_without_a_verdict_nothing_looks_like_one() -> None:
-    """What cannot be known and which recording to make; no gain, no cause, no table of sizes."""
+    """Open questions and the recording to make; no gain, no cause, no table of sizes."""
     page = render(made_up.make(None), "c", pictures={})
     assert "No verdict" in page and "record 30 s of 1 Hz swings" in page and "Step the current" in page
     for word in ("Coil lag", "What was tried", "Where the mismatch goes", "gains", "nan", "NRMSE"):
@@ -117,7 +117,7 @@ def test_units_are_sensible(value: float, unit: str, expected: str) -> None:
 
 
 def test_one_quantity_has_one_unit_in_a_table() -> None:
-    """A small torque stands in the unit of the large one, on the page and in the terminal; times far apart do not."""
+    """A small torque has the unit of the large one, on the page and in the terminal; times of other sizes do not."""
     sizes = {
         "coulomb_friction": (0.02, "N·m"),
         "stribeck": (3.0, "N·m"),

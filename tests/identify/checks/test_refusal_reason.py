@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.data_checks import doubts
+from mrwarp.diagnose.data_checks import rejections
 from mrwarp.diagnose.held_out import HeldOut
 from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing, followed_instead, missed
 from mrwarp.identify.contradictions import contradictions, forewarning, refuse_unexplained
@@ -101,7 +101,7 @@ def test_spikes_decide_neither_a_fit_nor_a_diagnosis() -> None:
                    agreed=1.0)  # fmt: skip
     selection: Any = SimpleNamespace(named=())
     problem: Any = SimpleNamespace(measured=torque, weight=weight, motion=None, units={})
-    assert doubts(held, selection, problem) == []
+    assert rejections(held, selection, problem) == []
 
 
 def cogging_motor(k: int, rng: np.random.Generator) -> Trajectory:
@@ -120,7 +120,7 @@ def cogging_motor(k: int, rng: np.random.Generator) -> Trajectory:
 
 
 def test_cogging_at_constant_speed_is_no_inertia() -> None:
-    """What goes with the acceleration in some runs and against it in others is not said to go with it."""
+    """A torque with the acceleration in some runs and against it in others is not said to go with it."""
     rng = np.random.default_rng(6)
     # large where it shakes, so that all runs together look like an inertia
     recording = Recording(trajectories=tuple(cogging_motor(k, rng) for k in range(6)))
