@@ -209,7 +209,7 @@ class Diagnose(opt.LogOptions):
         return not self.quick
 
     def _answered_robot(self, early: RobotDiagnosis, line: CommandLine, written: list[str]) -> bool:
-        """The same of a robot's log."""
+        """First answer of a robot's log."""
         from mrwarp.robot_logs.extended_robot import WRITTEN
         from mrwarp.robot_logs.report.log_pictures import NAMES
 
