@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem
-from mrwarp.diagnose.screening import Models, screen
+from mrwarp.diagnose.screening import Models
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.parameters import row_column
 
@@ -70,7 +70,7 @@ def decided_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOr
     certain = LagOrDelay(final, refined=_refined(find_steps(models.problem, final)) if named[0] == DELAY else {})
     other = DELAY if named[0] == LAG else LAG
     without = models.without(final, named[0])
-    screened = screen(models.problem, without, [other]) if other in candidates else []
+    screened = models.screened(without, [other]) if other in candidates else []
     if not screened:
         return certain
     rival = models.grown(without, screened[0])

@@ -29,6 +29,7 @@ from mrwarp.identify.parameters import (
     jacobian,
     row_column,
     shape_coordinates,
+    simulate,
 )
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.data import quantity
@@ -114,6 +115,12 @@ class Problem:
         threads = self.replay.threads
         return NormalEquations(blocks, torque, self.motion, self.noise, self.weight, threads, derivatives)
 
+    def loss(self, parameters: Parameters, x: np.ndarray) -> float:
+        """Loss of a model, as :meth:`linearised` has it in the last element of the normal equations."""
+        torque = simulate(self.replay, [(parameters, x)])[0].astype(float)
+        mismatch = (self.motion.torque - torque)[None]
+        return float(self.equations([mismatch], torque, derivatives=True).total[-1, -1])
+
     def linearised(self, parameters: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, NormalEquations]:
         """Torque of a model, its derivatives, and the normal equations of [derivatives, mismatch]."""
         torque, slopes = jacobian(self.replay, parameters, x)
@@ -166,15 +173,18 @@ def fit_model(
         found = problem.linearised(parameters, x)
         return Quadratic.of(found[-1].total, found)
 
+    def loss(x: np.ndarray) -> float:
+        return problem.loss(parameters, x)
+
     rules = Rules(
         iterations=iterations,
         predicted=lambda gain, loss: gain < tolerance * loss and gain < 0.02 * parameters.size,
     )
     reach = parameters.reach(1.0, 0.7)
     if set(YIELDING) & set(parameters.effects) and not parameters.law:
-        x, best = _by_sliding_torque(evaluate, x, parameters, reach, rules)
+        x, best = _by_sliding_torque(evaluate, loss, x, parameters, reach, rules)
     else:
-        x, best = minimise(evaluate, x, parameters.low, parameters.high, reach=reach, rules=rules)
+        x, best = minimise(evaluate, x, parameters.low, parameters.high, reach=reach, rules=rules, loss=loss)
     torque, slopes, equations = best.content
     # coordinates of eqs. 14 and 15 that are not at a bound and push against it, and all of the effects
     at_low, at_high = x <= parameters.low + 1e-9, x >= parameters.high - 1e-9
@@ -185,12 +195,17 @@ def fit_model(
     free = [int(i) for i in np.flatnonzero(~held)]
     _, inside, outside = losses(equations, free, len(x))
     # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
-    loss = equations.parts[:, -1, -1]
-    return Fit(parameters, x, torque, slopes, loss, loss + outside - inside, equations, free)
+    squares = equations.parts[:, -1, -1]
+    return Fit(parameters, x, torque, slopes, squares, squares + outside - inside, equations, free)
 
 
 def _by_sliding_torque(
-    evaluate: Callable[[np.ndarray], Quadratic], x: np.ndarray, p: Parameters, reach: np.ndarray, rules: Rules
+    evaluate: Callable[[np.ndarray], Quadratic],
+    loss: Callable[[np.ndarray], float],
+    x: np.ndarray,
+    p: Parameters,
+    reach: np.ndarray,
+    rules: Rules,
 ) -> tuple[np.ndarray, Quadratic]:
     """Least squares in K0/(beta + gamma) and K1/(beta + gamma) instead of K0 and K1.
 
@@ -213,7 +228,7 @@ def _by_sliding_torque(
 
     y = np.clip(x, p.low, p.high)
     y[stiff] *= np.exp(-y[rate])
-    y, best = minimise(about, y, p.low, p.high, reach=reach, rules=rules)
+    y, best = minimise(about, y, p.low, p.high, reach=reach, rules=rules, loss=lambda y: loss(outer(y)))
     # the derivatives stand in K0 and K1
     back = np.eye(len(y))
     back[stiff, stiff] = np.exp(-y[rate])

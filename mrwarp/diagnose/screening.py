@@ -6,7 +6,7 @@ with their derivative columns.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from operator import attrgetter
@@ -42,6 +42,8 @@ class Candidate:
     loss: float
     loo_loss: np.ndarray
     """Leave-one-out loss of each trajectory, shape (T,)."""
+    promises: tuple[float, ...] = ()
+    """Gains that the linear looks at its best starts promised."""
 
     @property
     def total(self) -> float:
@@ -56,6 +58,7 @@ class Models:
         self.problem, self.base = problem, base
         self.fits = {base.effects: base}
         self._reported: dict[Fit, Fit] = {}
+        self._looks: dict[Fit, dict[str, tuple[Candidate, float]]] = {}
 
     def added(self, fit: Fit) -> list[str]:
         """Effects of a model that the baseline does not have."""
@@ -64,6 +67,13 @@ class Models:
     def singles(self) -> list[Fit]:
         """Models that were fitted with one effect more than the baseline."""
         return [f for f in self.fits.values() if len(f.effects) == len(self.base.effects) + 1]
+
+    def screened(self, on: Fit, effects: Sequence[str], *, hopeless: float = 0.0) -> list[Candidate]:
+        """As :func:`screen` on top of a model; effects that were looked at before are not looked at again."""
+        looks = self._looks.setdefault(on, {})
+        new = [e for e in effects if e not in looks or _left_alone(*looks[e]) != _left_alone(looks[e][0], hopeless)]
+        looks |= {c.effect: (c, hopeless) for c in screen(self.problem, on, new, hopeless=hopeless)}
+        return sorted((looks[e][0] for e in effects), key=lambda c: c.total)
 
     def grown(self, on: Fit, candidate: Candidate) -> Fit:
         """A model plus a candidate, everything fitted together."""
@@ -92,6 +102,11 @@ class Models:
             layout = self.problem.parameters(rest, fit.parameters.choices)
             self.fits[rest] = fit_model(self.problem, layout, fit.parameters.moved(fit.x, layout))
         return self.fits[rest]
+
+
+def _left_alone(candidate: Candidate, hopeless: float) -> list[bool]:
+    """Which of a candidate's best starts are left as they are."""
+    return [promise < hopeless for promise in candidate.promises]
 
 
 @dataclass(frozen=True)
@@ -155,9 +170,11 @@ def screen(problem: Problem, base: Fit, effects: Iterable[str], *, hopeless: flo
     Starts whose linear look promises a smaller gain than ``hopeless`` are left as they are.
     """
     trials = _evaluated(problem, base, [start for effect in effects for start in _starts(problem, base, effect)])
-    now, best = float(base.loss.sum()), []
+    now, best, promises = float(base.loss.sum()), list[_Trial](), dict[str, tuple[float, ...]]()
     for mine in _by_effect(trials):
-        best += [replace(t, settled=now - t.loss < hopeless) for t in _two_apart(mine)]
+        two = _two_apart(mine)
+        promises[two[0].effect] = tuple(now - t.loss for t in two)
+        best += [replace(t, settled=now - t.loss < hopeless) for t in two]
     for _ in range(_REFINE):
         new = iter(_evaluated(problem, base, [t.moved() for t in best if not t.settled]))
         best = [t if t.settled else t.better(next(new)) for t in best]
@@ -166,7 +183,7 @@ def screen(problem: Problem, base: Fit, effects: Iterable[str], *, hopeless: flo
         t = min(mine, key=lambda t: t.loss)
         short = max(0.0, t.held_loss - t.loss)  # at a bound, or not settled: what the linear look promises too much
         loo_loss = t.loo_loss + short / len(t.loo_loss)
-        found.append(Candidate(t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss))
+        found.append(Candidate(t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss, promises[t.effect]))
     return sorted(found, key=lambda c: c.total)
 
 

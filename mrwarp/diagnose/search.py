@@ -147,7 +147,7 @@ def _passing(models: Models, on: Fit, candidates: list[str]) -> list[Candidate]:
     rest = [c for c in candidates if c not in on.effects]
     if not rest:
         return []
-    found = screen(models.problem, on, rest, hopeless=min(_needed(models, on, c) for c in rest))
+    found = models.screened(on, rest, hopeless=min(_needed(models, on, c) for c in rest))
     return [c for c in found if on.total - c.total > _needed(models, on, c.effect)]
 
 
@@ -212,7 +212,7 @@ def _alternatives(
         without = models.without(final, effect)
         gains[effect] = without.total - final.total
         if without.effects != models.base.effects:
-            screened = screen(models.problem, without, [c for c in candidates if c not in final.effects])
+            screened = models.screened(without, [c for c in candidates if c not in final.effects])
         near = [c for c in screened if c.effect != effect and without.total - c.total > 0.6 * gains[effect]]
         fits = {c.effect: models.grown(without, c) for c in near[:4]}
         for effects, fit in models.fits.items():  # all fits on the way, for any first look

@@ -24,7 +24,7 @@ from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.fit import FitResult, fit_holding, made_motion, misfit
 from mrwarp.identify.intervals import Estimate
 from mrwarp.identify.least_squares import Quadratic, Rules, leave_out, minimise, ridge_solve
-from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, Slot, factor_of, jacobian, row_column
+from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, Slot, factor_of, jacobian, row_column, simulate
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay, null_row
 from mrwarp.model_file import Effect, Model, Parameter, effect_unit
@@ -118,22 +118,36 @@ class LawSearch:
         """
         torque, slopes = jacobian(self.replay, layout, x)
         rows = np.vstack([slopes, (self.motion.torque - torque)[None]])
-        parts = np.full((len(self.motion.parts), len(rows), len(rows)), np.inf)
         if not np.isfinite(rows).all():
+            parts = np.full((len(self.motion.parts), len(rows), len(rows)), np.inf)
             return Quadratic(np.inf, np.zeros((len(slopes), len(slopes))), np.zeros(len(slopes)), (torque, parts))
-        rows *= self.weight
+        parts = self._grams(rows)
+        return Quadratic.of(parts.sum(axis=0), (torque, parts))
+
+    def loss(self, layout: Parameters, x: np.ndarray) -> float:
+        """Squared error at a vector; infinite where the torque is no number."""
+        rows = self.motion.torque - simulate(self.replay, [(layout, x)])
+        return float(self._grams(rows).sum()) if np.isfinite(rows).all() else np.inf
+
+    def _grams(self, rows: np.ndarray) -> np.ndarray:
+        """Gram matrices of signals, shape (K, N), in each trajectory, shape (T, K, K)."""
+        rows = rows * self.weight
+        parts = np.empty((len(self.motion.parts), len(rows), len(rows)))
         for k, part in enumerate(self.motion.parts):
             inside = rows[:, part].astype(float)
             if self.offsets:
                 w = self.weight[part]
                 inside -= inside.sum(axis=1)[:, None] / max(w.sum(), 1.0) * w
             parts[k] = inside @ inside.T
-        return Quadratic.of(parts.sum(axis=0), (torque, parts))
+        return parts
 
     def descend(self, layout: Parameters, x: np.ndarray, rules: Rules = _RULES) -> Solution:
         """The nearest optimum within the bounds."""
         low, high = self.bounds(layout)
-        x, best = minimise(lambda y: self.evaluate(layout, y), x, low, high, reach=layout.reach(1.0, 1.0), rules=rules)
+        x, best = minimise(
+            lambda y: self.evaluate(layout, y), x, low, high, reach=layout.reach(1.0, 1.0), rules=rules,
+            loss=lambda y: self.loss(layout, y),
+        )  # fmt: skip
         torque, parts = best.content
         return Solution(layout, x, torque, parts, np.flatnonzero((x > low + 1e-9) & (x < high - 1e-9)))
 

@@ -75,6 +75,7 @@ def minimise(
     *,
     reach: np.ndarray | float = np.inf,
     rules: Rules | None = None,
+    loss: Callable[[np.ndarray], float] | None = None,
 ) -> tuple[np.ndarray, Quadratic]:
     """Levenberg-Marquardt within bounds.
 
@@ -85,6 +86,8 @@ def minimise(
         high: Upper bounds.
         reach: Longest step of each coordinate, shape (P,) or one for all.
         rules: Damping and end of the search.
+        loss: The sum of squares at a point, where that takes less than ``evaluate``, which is then asked about better
+            points only.
 
     Returns:
         The best point found and the sum of squares about it.
@@ -102,8 +105,8 @@ def minimise(
             damping *= rules.increase  # bounds have bent the step so far that it leads uphill
         if rules.predicted(gain, here.loss):
             break
-        there = evaluate(trial)
-        if there.loss < here.loss:
+        there = evaluate(trial) if loss is None or loss(trial) < here.loss else None
+        if there is not None and there.loss < here.loss:
             gain = here.loss - there.loss
             x, here, damping = trial, there, max(damping / rules.relief, rules.least)
             if rules.gained(gain, here.loss):

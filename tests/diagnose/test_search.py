@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mrwarp.diagnose import screening
 from mrwarp.diagnose.baseline import fit_baseline
 from mrwarp.diagnose.pipeline import _candidates
 from mrwarp.diagnose.problem import CHI2, FLOOR, covariance, reported_fit, threshold
@@ -35,6 +36,23 @@ def test_threshold_is_chi_squared_or_a_share_of_the_samples() -> None:
     assert threshold(small) == CHI2
     small.equations.count = 100_000.0
     assert threshold(small) == pytest.approx(FLOOR * 100_000.0)
+
+
+def test_a_look_at_a_candidate_is_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a look taken anew would be; again only where other starts are left as they are."""
+    problem = made({"coil_lag": {"time_constant": 0.02}})
+    models, asked = Models(problem, known.fitted(problem)), list[list[str]]()
+    taken = screening.screen
+    monkeypatch.setattr(
+        screening, "screen", lambda p, f, effects, **how: asked.append(list(effects)) or taken(p, f, effects, **how)
+    )
+    first = models.screened(models.base, ["coil_lag", "wear"])
+    both = models.screened(models.base, ["coil_lag", "cogging", "wear"])
+    assert asked[:2] == [["coil_lag", "wear"], ["cogging"]] and {id(c) for c in first} < {id(c) for c in both}
+    for c, new in zip(both, taken(problem, models.base, ["coil_lag", "cogging", "wear"]), strict=True):
+        assert c.effect == new.effect and c.total == pytest.approx(new.total, rel=1e-9)
+    models.screened(models.base, ["coil_lag", "wear"], hopeless=1e9)
+    assert asked[2:] == [["coil_lag", "wear"]]
 
 
 def test_nothing_is_named_in_clean_data() -> None:

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.dataset import Dataset, Motion, Scales
 from mrwarp.identify.fit import BoucWenStructure
 from mrwarp.identify.least_squares import bounded_solve
 from mrwarp.identify.projection import Projection
-from mrwarp.identify.replay import Replay, simulate
+from mrwarp.identify.replay import EffectReplay, Replay, null_row, simulate
 from mrwarp.recording.load import Recording, Trajectory
 from tests.identify import synthetic
 
@@ -33,6 +33,20 @@ def test_trajectories_of_other_lengths_and_rates_do_not_mix() -> None:
         return Replay(Dataset.of(Recording(trajectories=runs), scales)).torque([parameters])[0]
 
     np.testing.assert_array_equal(replay(a, b, a), np.concatenate([replay(a), replay(b), replay(a)]))
+
+
+def test_what_was_replayed_shortly_before_is_not_replayed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same rows in another order and company: equal torque, bit for bit, and only the new row is simulated."""
+    replay = EffectReplay(Motion.of(synthetic.bench_like(4, runs=2, seconds=1.0)))
+    rows = np.repeat(null_row()[None], 4, axis=0)
+    rows[:, 1], rows[:, 4], rows[:, 7] = (0.1, 0.2, 0.3, 0.4), 1.0, 5.0
+    first, simulated = replay.torque(rows[:3]), []
+    launch = Replay.torque
+    monkeypatch.setattr(Replay, "torque", lambda self, rows: simulated.append(len(rows)) or launch(self, rows))
+    again = replay.torque(rows[[3, 2, 0, 2]])
+    assert simulated == [1]
+    np.testing.assert_array_equal(again[1:], first[[2, 0, 2]])
+    np.testing.assert_array_equal(again[0], launch(replay, rows[3:])[0])
 
 
 def test_torque_is_the_same_in_other_units() -> None:
