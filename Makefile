@@ -65,13 +65,17 @@ $(READY): pyproject.toml constraints.txt
 	$(PY) -m pip install -c constraints.txt -e '.[dev]'
 	touch $@
 
-# wheel and source archive in dist/, checked where nothing but the core is installed
+# wheel and source archive in dist/, checked where nothing but the core is installed; what differs from the checkout's
+# version, or needs more than the core, fails here
 release: $(READY)
 	rm -rf dist && $(PY) -m hatchling build
 	$(PYTHON) -m venv --clear .venv-release
 	.venv-release/bin/python -m pip install -q -c constraints.txt dist/*.whl
 	cd dist && ../.venv-release/bin/mrwarp bench --out check --trajectories 4 --samples 3000 --evaluation-samples 0 \
 		&& ../.venv-release/bin/mrwarp check check/fit && ../.venv-release/bin/mrwarp fit check/fit --out check/model
+	.venv-release/bin/python -m pip install -q --no-deps --force-reinstall dist/*.tar.gz
+	cd dist && ../.venv-release/bin/mrwarp device list && ../.venv-release/bin/mrwarp --version \
+		| grep -x "mrwarp $$(sed -n 's/^version: //p' ../CITATION.cff)"
 	rm -rf dist/check .venv-release
 	@ls -l dist; echo "upload with: python -m twine upload dist/*"
 

@@ -67,3 +67,12 @@ def test_wrong_paths_and_names_are_found() -> None:
     ]  # fmt: skip
     assert exists("mrwarp.params.MrParams.to_dict")
     assert not exists("mrwarp.params.NoSuchThing") and not exists("mrwarp.nowhere")
+
+
+def test_the_changelog_begins_with_this_version_in_sixty_lines() -> None:
+    """It holds what users notice per release, no more; the version stands in CITATION.cff alone."""
+    (version,) = re.findall(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    _, *releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert releases[0].split()[0] == version
+    for release in releases:
+        assert release.count("\n") <= 60, release.split()[0]
