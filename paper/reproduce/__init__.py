@@ -1,1 +1,1 @@
-"""The paper's tables and figures, ours beside theirs: one file per table or figure, a runner and a report."""
+"""The paper's tables and figures, compared with ours: one file per table or figure, a runner and a report."""

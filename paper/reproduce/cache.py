@@ -28,7 +28,7 @@ from paper.reproduce.comparison import Findings
 from paper.reproduce.settings import NotYet, Settings
 
 KEPT = "findings.json"
-"""What an experiment leaves in its folder."""
+"""Files of an experiment in its folder."""
 
 PACKAGES = ("mrwarp", "paper")
 """Packages whose code an experiment depends on."""
@@ -39,11 +39,11 @@ Report = Callable[[str, float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What an experiment is given."""
+    """Inputs of an experiment."""
 
     settings: Settings
     out: Path
-    """Its own folder; those of the others stand beside it."""
+    """Its own folder; those of the others stand next to it."""
     report: Report = lambda text, share: None
     """Called with what runs and the share that is done."""
 
@@ -96,7 +96,7 @@ class Outcome:
     """``made``, ``kept``, ``waiting`` (what it needs is not there yet), ``failed`` or ``not run``."""
     findings: Findings | None = None
     seconds: float = 0.0
-    """What it took when it was made [s]."""
+    """Time that it took when it was made [s]."""
     processor: float = 0.0
     """And on all cores together [s], which other programs do not lengthen."""
     message: str = ""
@@ -116,7 +116,7 @@ class Runner:
     outcomes: dict[str, Outcome] = field(default_factory=dict)
     """How each experiment ended, by name, in the order in which they were run."""
     keys: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """What the experiments depend on, by name."""
+    """Dependencies of the experiments, by name."""
 
     def estimate(self, wanted: Sequence[str]) -> dict[str, float]:
         """Time on two idle cores of all that :meth:`run` would make, by name [s]; without what waits for an input."""
@@ -173,7 +173,7 @@ class Runner:
             write_text(folder / KEPT, json.dumps(content, indent=1, allow_nan=False))
         except NotYet as error:
             return Outcome(name=name, status="waiting", message=str(error))
-        except Exception as error:  # whatever one experiment meets, the others go on
+        except Exception as error:  # any error of one experiment; the others go on
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
             return Outcome(name=name, status="failed", message=one_line(error) or type(error).__name__)
@@ -181,7 +181,7 @@ class Runner:
 
 
 def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
-    """What was made under the same key; None if there is none, or what is there is damaged or of another layout."""
+    """Result under the same key; None if there is none, or it is damaged or of another layout."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["key"] == json.loads(json.dumps(key)):

@@ -30,7 +30,7 @@ def _table3(quantity: str) -> Measure:
 
 
 def _effect(quantity: str) -> Measure:
-    """What each current changes against 0 A in table 4 with the paper's torque."""
+    """Change by each current against 0 A in table 4 with the paper's torque."""
     return rows("table4", f"change of {quantity}", *(f"{a} A against 0 A" for a in ("0.5", "1", "1.5")))
 
 
@@ -89,7 +89,7 @@ CLAIMS = (
         says="RMSE of PG-RLSTM at 1, 1.2, 1.5 A [N·m]",
         measure=rows("fig4", "RMSE", *(f"PG-RLSTM, {amps}" for amps in ("1 A", "1.2 A", "1.5 A"))),
         holds=(("fig4", "pg_rlstm_lowest"),),
-        why="The networks leave less than the paper's: our bench holds less that they cannot tell than a real device.",
+        why="The networks leave less than the paper's: our bench has fewer unknown effects than a real device.",
     ),
     Claim(
         id="bench.errors/others",

@@ -1,4 +1,4 @@
-"""What an entry of the report found: figures of the paper next to ours, claims, notes, tables and pictures."""
+"""Findings of an entry of the report: figures of the paper next to ours, claims, notes, tables and pictures."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Comparison:
     """One figure of the paper next to ours."""
 
     condition: str
-    """What was done, e.g. ``MR_Go-SAL, 3 kg, 0.3 m/s``."""
+    """Condition, e.g. ``MR_Go-SAL, 3 kg, 0.3 m/s``."""
     quantity: str
-    """What was measured."""
+    """Measured quantity."""
     unit: str
     """Unit; empty for a pure number."""
     paper: PaperValue | None
@@ -113,7 +113,7 @@ class TextTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What an experiment found; plain values throughout."""
+    """Findings of an experiment; plain values throughout."""
 
     rows: Sequence[Comparison] = ()
     claims: Mapping[str, bool] = field(default_factory=dict)

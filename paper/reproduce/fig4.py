@@ -1,6 +1,6 @@
 """Figure 4: RMSE of four torque models on ten unseen trajectories of the virtual bench.
 
-:func:`compute` judges the shipped networks; :func:`train` trains all models anew by one recipe, also with the bench's
+:func:`compute` judges the shipped networks; :func:`train` trains all models again by one recipe, also with the bench's
 effects at other strengths, to show how the ranking depends on them.
 """
 
@@ -51,7 +51,7 @@ SECTION = 1600
 
 
 def compute(job: Job) -> Findings:
-    """Evaluate the shipped networks and the Bouc-Wen model they stand beside."""
+    """Evaluate the shipped networks and their Bouc-Wen model."""
     bench = BenchCfg(trajectories=FITTING[0], samples=FITTING[1])
     session = run_bench(bench, lambda share, text: job.report("bench", 0.8 * share))
     data = session.evaluation
@@ -199,7 +199,7 @@ def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
 
 
 def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Bars per current and model as in the paper, its values as marks; beside them the averages per strength."""
+    """Bars per current and model as in the paper, its values as marks; next to them the averages per strength."""
     figure, ((left, right),) = panels((11, 4.2), 1, 2, grid="y", width_ratios=(3, 2))
     first = next(iter(results.values()))
     currents = list(first["pg_rlstm"]["by_current"])

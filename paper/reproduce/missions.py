@@ -38,7 +38,7 @@ RISES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Windows:
-    """What was simulated."""
+    """The simulated missions."""
 
     phases: dict[str, dict[str, PhaseLoad]]
     """By robot and phase."""
@@ -159,7 +159,7 @@ def fig10(job: Job) -> Findings:
             *found.arrivals,
             f"The paper's own numbers: SAL walks on {check['walking_power_ratio']:.3f} of MR_Go's power, so at equal "
             f"speeds on {first['energy_ratio']:.3f} of its energy, but depletes {check['depletion_ratio']:.3f} of its "
-            f"charge ({first['deviation_in_sd']:.1f} SD apart). A walk of MR_Go-SAL at "
+            f"charge ({first['deviation_in_sd']:.1f} SD off). A walk of MR_Go-SAL at "
             f"{first['reconciled_by']['sal_speed']:.2f} m/s would reconcile them.",
         ],
         pictures={"power.png": "Battery power and state of charge over the mission, mean over seeds"},
@@ -212,7 +212,7 @@ def fig11(job: Job) -> Findings:
 
 
 def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Comparison:
-    """What SAL changes against MR_Go, of ``walk_figures.mission_changes``; no spread when one repetition is left."""
+    """Changes by SAL against MR_Go, of ``walk_figures.mission_changes``; no spread when one repetition is left."""
     n = min(len(found.traces[robot].depletion) for robot in walks.SAL)
     sd = change["paper_sd"]
     return compare(

@@ -31,11 +31,11 @@ RESULTS = Path("docs/results/paper.json")
 BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n)(.*?)(<!-- /figures -->)", re.DOTALL)
 
 KEPT = ("condition", "quantity", "unit", "paper", "ours", "sd", "n", "seeds", "calibrated", "digits")
-"""What is kept of a row."""
+"""Stored keys of a row."""
 
 
 SAID = ("claims", "claim_ids", "reasons", "tables")
-"""What else is kept of an entry."""
+"""Further stored keys of an entry."""
 
 FURTHER = ("fig4_strengths",)
 """Entries that are no table or figure of the paper."""
@@ -187,7 +187,7 @@ def claim_row(judged: Judged) -> list[str]:
     verdict = "" if calibrated else judged.verdict.value
     if judged.needed is not None:
         more = "more than " if judged.needed >= MOST_SEEDS else ""
-        verdict += f": {more}{judged.needed} seeds would tell"
+        verdict += f": {more}{judged.needed} seeds would decide"
     about = "" if judged.claim.excluded else judged.claim.about
     return [judged.claim.place, judged.claim.says, *cells, about, kind, verdict, judged.why]
 
@@ -375,7 +375,7 @@ def _spread(value: Mapping[str, float]) -> str:
 
 
 def _whole(found: Results) -> str:
-    """What the whole report takes."""
+    """Time of the whole report."""
     if found.whole is None:
         return "*Not measured yet; `mrwarp reproduce all` does.*"
     minutes = found.whole["processor"] / 60.0
@@ -439,4 +439,4 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "fig10": _rows_table("fig10"),
     "fig11": _rows_table("fig11"),
 }
-"""What a page may ask for, by name."""
+"""Blocks that a page may ask for, by name."""

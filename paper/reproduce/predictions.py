@@ -258,7 +258,7 @@ def simulate(job: Job) -> Findings:
 
 
 def compute(job: Job) -> Findings:
-    """What was predicted, and what came: hits and misses. New training seeds are walked here."""
+    """Predictions and their outcome: hits and misses. New training seeds are walked here."""
     trials = job.load("unseen", Trials).came
     came = {(condition, name): value for condition, found in trials.items() for name, value in found.items()}
     came |= _trained(job)

@@ -22,14 +22,14 @@ HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "
 """Columns of the rows' table."""
 
 STATUS = {"made": "", "kept": "", "waiting": "not made yet", "failed": "failed", "not run": "not run"}
-"""What the report says of an entry without findings."""
+"""The report's text on an entry without findings."""
 
 INTRODUCTION = (
-    "Each row has the paper's figure (mean ± SD), ours (mean ± sample SD), the difference relative to the paper's and "
-    "in units of the joint spread, the root of the two variances' sum (positive: ours is further from 0). A row "
-    "differs if it is off by more than one joint spread, or by more than 5 % where the paper states no spread. "
-    "'Calibrated' rows were used to fit a number of our model; for those 'chosen in view' a choice was made while the "
-    "paper's rows were looked at (docs/choices.md); 'predicted' is neither."
+    "Each row has the paper's figure (mean ± SD), ours (mean ± sample SD), and the difference. It is relative to the "
+    "paper's and in units of the joint spread, the root of the two variances' sum (positive: ours is further from 0). "
+    "A row differs if it is off by more than one joint spread, or by more than 5 % where the paper states no spread. "
+    "'Calibrated' rows were used to fit a number of our model. For those 'chosen in view' settings were tuned while "
+    "looking at the paper's rows (docs/choices.md). 'Predicted' is neither."
 )
 """How to read the tables."""
 
@@ -108,7 +108,7 @@ def agreement(rows: Sequence[Comparison]) -> str:
 
 
 def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
-    """What the templates show of one entry."""
+    """Data of one entry for the templates."""
     found = outcome.findings or Findings()
     message = f"{STATUS[outcome.status]}: {outcome.message}".removesuffix(": ")
     return {

@@ -23,7 +23,7 @@ PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm"
 
 
 class NotYet(RuntimeError):
-    """What the experiment needs is not there yet; the message says what."""
+    """An input of the experiment is not there yet; the message names it."""
 
 
 def _of(folder: Path, plant: str, seeds: tuple[int, ...] = FIRST_SEEDS) -> tuple[Path, ...]:
@@ -40,8 +40,8 @@ class Settings:
     """Choices of a reproduction; the defaults are those of the report."""
 
     policies: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(ENERGY, ENERGY_SEEDS))
-    """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike, MR_Go-SAL's
-    with the paper's explicit torque."""
+    """Policies of each robot's walks, one per training seed; each robot walks with its own, trained in one way,
+    MR_Go-SAL's with the paper's explicit torque."""
     impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC, SEEDS))
     """Policies of MR_Go-SAL under pushes and falling masses, one per training seed, with the gains of their
     training."""
@@ -49,7 +49,7 @@ class Settings:
     """Policies of walks without a price on power: the actuator-aware ones of table 2."""
     sticking: tuple[Path, ...] = field(default_factory=lambda: _of(ENERGY, plant_of("mr_go_sal", Coupling.CONSTRAINT)))
     """Policies of MR_Go-SAL's walks on devices that stick (the constraint coupling), trained with them; at most as many
-    as of the robots. MR_Go walks beside them with its first ones."""
+    as of the robots. MR_Go walks next to them with its first ones."""
     high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE, FIRST_SEEDS))
     """As ``policies``, trained with the high price on power."""
     rollouts: int = 3

@@ -55,7 +55,7 @@ CHOICES = (
     *(Choice(name=f"fixed support current, {amps:g} A", fixed=amps) for amps in (0.5, 1.0, 1.5)),
     Choice(name="coil lag of 0.02 s", params=(("coil_time_constant", 0.02),)),
 )
-"""What is walked. A fixed current bounds the damping's too."""
+"""The walked variants. A fixed current bounds the damping's too."""
 
 
 def compute(job: Job) -> Findings:

@@ -32,7 +32,7 @@ PARTNER = {"A": "C", "B": "D", "C": "A", "D": "B"}
 """Of table 2's configurations: the one with the other training."""
 
 LEVEL = 0.05
-"""Holm-corrected p-value below which two models are told apart."""
+"""Holm-corrected p-value below which two models are distinguished."""
 
 
 def table2(job: Job) -> Findings:
@@ -97,9 +97,9 @@ def table3(job: Job) -> Findings:
             titles[model] + suffix, found, paper.TABLE_3[model], lambda metric, table=of: _why_model(table, metric)
         )
     ]
-    apart = [pair for pair in table.pairs if pair.p < LEVEL]
+    distinct = [pair for pair in table.pairs if pair.p < LEVEL]
     named = "; ".join(
-        f"{titles[p.better]} before {titles[p.worse]} in {METRICS[p.metric][0]}, p = {p.p:.2g}" for p in apart
+        f"{titles[p.better]} before {titles[p.worse]} in {METRICS[p.metric][0]}, p = {p.p:.2g}" for p in distinct
     )
     ranking = []
     for metric, order in table.ranking.items():
@@ -120,7 +120,7 @@ def table3(job: Job) -> Findings:
             ),
         ),
         notes=[
-            f"{len(apart)} of {len(table.pairs)} pairs of models differ at {100.0 * LEVEL:.0f} % (Welch over seeds, "
+            f"{len(distinct)} of {len(table.pairs)} pairs of models differ at {100.0 * LEVEL:.0f} % (Welch over seeds, "
             f"Holm within each metric){f': {named}' if named else ''}.",
             _fell(table),
         ],

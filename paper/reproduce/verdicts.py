@@ -41,7 +41,7 @@ BY_EFFECT = (Verdict.NOT, Verdict.UNRESOLVED, Verdict.DIRECTION, Verdict.REPRODU
 
 
 class Mark(enum.Enum):
-    """What was known of the paper's figures when ours were made."""
+    """Knowledge of the paper's figures when ours were made."""
 
     CALIBRATED = "calibrated"
     IN_VIEW = "chosen in view"
@@ -268,10 +268,10 @@ class Judged:
 def judge(claim: Claim, found: Results) -> Judged:
     """The verdict, by rule.
 
-    A claim's direction is the sign of its effects, or else of the differences between its levels that the paper tells
-    apart by more than their spread, each with its interval over seeds (:meth:`Figure.sign`); and the claims of its
+    A claim's direction is the sign of its effects, or else of the differences between its levels that the paper
+    separates by more than their spread, each with its interval over seeds (:meth:`Figure.sign`); and the claims of its
     entry. *Not reproduced*: one of these is excluded, or a lone level, which has no direction, disagrees.
-    *Unresolved*: nothing is excluded, but an interval is too wide to tell. *Direction only*: all have the paper's
+    *Unresolved*: nothing is excluded, but an interval is too wide to decide. *Direction only*: all have the paper's
     direction. *Reproduced*: every figure agrees as well. Calibrated figures take no part.
     """
     figures = claim.measure(found) if claim.measure else []

@@ -176,8 +176,8 @@ def _lost(saved: Saving, alone: str) -> str:
     text = ", ".join(f"{PARTS[name]} {part[name]:+.1f} W" for name in lost) or "nothing"
     return (
         f"The calves' copper saves {part['copper_calves']:+.1f} W of the {saved.paper['saving']:.0f} W the paper's "
-        f"saving needs (at most {saved.bound['walking_copper']:.0f} W here, all of it gone while held); {text} take "
-        f"from it; holding alone: {alone}."
+        f"saving needs (at most {saved.bound['walking_copper']:.0f} W here, all of it gone while held). {text} take "
+        f"from it. Holding alone: {alone}."
     )
 
 
@@ -198,12 +198,12 @@ def _reduced(after: Cots, before: Cots, cell: tuple[float, float]) -> float:
 
 
 def _stuck(claims: Sequence[Claimed]) -> list[Claimed]:
-    """The same claims of brakes that stick."""
+    """The claims for brakes that stick."""
     return [(f"stuck_{name}", f"a device that sticks: {text}", holds) for name, text, holds in claims]
 
 
 def _saved(savings: Sequence[Saving]) -> str:
-    """What SAL saves in watts next to the paper's, a sentence."""
+    """Saving by SAL in watts next to the paper's, a sentence."""
     if not savings:
         return "No condition in which both MR_Go and MR_Go-SAL arrived."
     ours = ", ".join(f"{saved.saving:.0f}" for saved in savings)
@@ -212,7 +212,7 @@ def _saved(savings: Sequence[Saving]) -> str:
 
 
 def _device_alone(walked: Walks, cfg: ElectricalCfg) -> str:
-    """What the device saves where both robots walk with the same policies, a sentence."""
+    """Saving by the device where both robots walk with the same policies, a sentence."""
     own, swapped = (cots_of(walked, name, cfg) for name in ("both", "swapped_policies"))
     cells = list(dict.fromkeys(result.cell for result in walked.both))
     alone, whole = (
@@ -222,7 +222,7 @@ def _device_alone(walked: Walks, cfg: ElectricalCfg) -> str:
 
 
 def _speeds(walked: Walks, cots: Cots) -> TextTable:
-    """What the measured speeds change: cost of transport with them, and with 0.3 and 0.5 m/s, both calibrated there."""
+    """Effect of the measured speeds: cost of transport with them, and with 0.3 and 0.5 m/s, both calibrated there."""
     nominal = cots_of(walked, "as_commanded", walked.calibrated("as_commanded").cfg)
     head = ["robot and condition", "commanded [m/s]", "COT", "COT at 0.3 and 0.5 m/s", "paper"]
     rows = []
@@ -261,7 +261,7 @@ def _parts(savings: Sequence[Saving]) -> TextTable:
 
 
 def carrying(results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTable, str]:
-    """What MR_Go draws more than Go1, with SAL off: a table and a sentence."""
+    """Extra power of MR_Go over Go1, with SAL off: a table and a sentence."""
     powers = {(r.robot, *r.cell): mean_power(r, cfg) for r in results}
     rows, more = [], {"ours": [], "paper": []}
     for cell in paper.TABLE_7:
@@ -284,7 +284,7 @@ def carrying(results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTab
 
 
 def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTable, str]:
-    """What holding saves by closed form, from standing and the held share, next to what is saved: the paper's and ours.
+    """Saving by holding in closed form, from standing and the held share, next to what is saved: the paper's and ours.
 
     Returns:
         The table, all figures in percent of MR_Go's power, and a note on how far either saving follows the form.
@@ -310,12 +310,12 @@ def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: E
         grown = most["bound_relative"] / least["bound_relative"]
         text = (
             f"By the paper's own standing ({consistency.STANDING:.1f} W) and its hardware's activation, holding saves "
-            f"{', '.join(row[2] for row in rows)} % of MR_Go's power under a steady load: over the conditions the "
-            f"paper's saving is {theirs} times its closed form, ours {ours} times ours. What the former scatters, "
-            f"neither activation nor load explains. From {paper.condition_name(0, 0.5)} to "
+            f"{', '.join(row[2] for row in rows)} % of MR_Go's power under a steady load. Over the conditions the "
+            f"paper's saving is {theirs} times its closed form, ours {ours} times ours. The former's scatter is "
+            f"explained by neither activation nor load. From {paper.condition_name(0, 0.5)} to "
             f"{paper.condition_name(3, 0.3)} the paper's closed form grows by a factor of {grown:.2f}, "
-            f"{grown * least['share'] / most['share']:.2f} of it by load and power alone, while its reductions of COT "
-            f"lie within one of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
+            f"{grown * least['share'] / most['share']:.2f} of it by load and power alone. Its reductions of COT "
+            f"lie within a factor of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
         )
     head = [
         "condition",
@@ -330,7 +330,7 @@ def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: E
 
 
 def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
-    """What the device gives and what the training gives: each robot's policies on either robot, and other prices."""
+    """Gains by the device and by the training: each robot's policies on either robot, and other prices."""
     free, dear = (walked.calibrated(variant).cfg for variant in ("no_power_price", "high_power_price"))
     own, stuck, swapped = (cots_of(walked, name, cfg) for name in ("both", "constraint_coupling", "swapped_policies"))
     cots_free, cots_dear = cots_of(walked, "no_power_price", free), cots_of(walked, "high_power_price", dear)
@@ -348,7 +348,7 @@ def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
         shown = ["no robot arrived" if math.isnan(value) else f"{100.0 * value:.1f}" for value in reduced]
         rows.append([paper.condition_name(*cell), *shown])
     title = (
-        "Reduction of COT by SAL [%] by the policies that walk; the last two columns are calibrated on Go1's "
+        "Reduction of COT by SAL [%] by the policies that walk. The last two columns are calibrated on Go1's "
         f"walks with theirs (electronics {free.electronics:.1f} and {dear.electronics:.1f} W, winding "
         f"{free.winding_resistance:.3f} and {dear.winding_resistance:.3f} Ohm, drive friction "
         f"{free.drive_friction:.2f} and {dear.drive_friction:.2f} N·m)"

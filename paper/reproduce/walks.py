@@ -38,7 +38,7 @@ class Variant:
     repeated: bool = False
     """Whether every policy walks ``rollouts`` times, or once."""
     title: str = ""
-    """What it is called in notes; empty for the walks that the tables are about."""
+    """Name in notes; empty for the walks that the tables are about."""
 
 
 VARIANTS = {
@@ -55,12 +55,12 @@ VARIANTS = {
     "no_power_price": Variant(robots=paper.ROBOTS, coupling=Coupling.CONSTRAINT, title="Table 2's policies"),
     "high_power_price": Variant(robots=paper.ROBOTS, title="The high price's policies"),
 }
-"""What is walked, by the names in :attr:`Walks.results`."""
+"""The walked conditions, by the names in :attr:`Walks.results`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Walks:
-    """What was simulated."""
+    """The simulated walks."""
 
     results: dict[str, list[WalkResult]]
     """Walks of every variant."""

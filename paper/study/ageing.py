@@ -37,7 +37,7 @@ MOVES = ((0.15, 0.6), (0.10, 1.3))
 
 @dataclass(frozen=True, kw_only=True)
 class AgeingCfg:
-    """What is simulated."""
+    """The simulated ageing."""
 
     devices: int = 3
     """Devices, each with its own days."""
@@ -73,7 +73,7 @@ def run(cfg: AgeingCfg, out: Path, report: Callable[[str, float], None] = lambda
     Returns:
         ``healthy``: devices, days, the first false alarms of each, and the ``share`` of devices with one; ``losses``:
         by size, after how many records each device's loss was noticed (None: not within the days that follow), the
-        share that was, and the change that was told.
+        share that was, and the change that was reported.
 
     Raises:
         ValueError: a file in ``out`` is damaged or of other choices.
@@ -82,17 +82,17 @@ def run(cfg: AgeingCfg, out: Path, report: Callable[[str, float], None] = lambda
     devices = []
     for device in range(cfg.devices):
 
-        def tell(text: str, share: float, device: int = device) -> None:
+        def show(text: str, share: float, device: int = device) -> None:
             report(f"device {device + 1}, {text}", (device + share) / cfg.devices)
 
         path = out / "devices" / f"{device}.json"
-        devices.append(kept(path, asked, partial(follow, cfg, device, tell)))
+        devices.append(kept(path, asked, partial(follow, cfg, device, show)))
     false = sum(bool(own["alarms"]) for own in devices)
     losses = {}
     for name in devices[0]["losses"]:
-        records, told = ([own["losses"][name][key] for own in devices] for key in ("records", "told"))
+        records, changes = ([own["losses"][name][key] for own in devices] for key in ("records", "told"))
         seen = share(sum(r is not None for r in records), len(records))
-        losses[name] = {"records": records, "told": interval(told), "noticed": seen}
+        losses[name] = {"records": records, "told": interval(changes), "noticed": seen}
     return {
         "healthy": {"devices": cfg.devices, "days": cfg.days, "alarms": [own["alarms"] for own in devices],
                     "share": share(false, cfg.devices)},
@@ -106,7 +106,7 @@ def follow(cfg: AgeingCfg, device: int, report: Callable[[str, float], None]) ->
 
     Returns:
         ``alarms``: by what changed, days after the baseline; ``losses``: by size, ``records`` until it was noticed or
-        None, and the change ``told``; ``series``: yield of the baseline by record, of each loss and healthy (``0``).
+        None, and the reported change; ``series``: yield of the baseline by record, of each loss and healthy (``0``).
     """
     first = cfg.monitor.baseline
     done, total = 0, first + cfg.days + len(cfg.losses) * cfg.follow
@@ -126,8 +126,8 @@ def follow(cfg: AgeingCfg, device: int, report: Callable[[str, float], None]) ->
     for k, loss in enumerate(cfg.losses):
         worn = monitor(begin | days(cfg.follow, loss, (device, k + 1)), cfg.monitor)
         alarm = worn.alarms.get("yield")
-        told = float(worn.values["yield"][first:].mean() - 1.0)
-        losses[f"{loss:g}"] = {"records": alarm["number"] - first if alarm else None, "told": told}
+        change = float(worn.values["yield"][first:].mean() - 1.0)
+        losses[f"{loss:g}"] = {"records": alarm["number"] - first if alarm else None, "told": change}
         series[f"{loss:g}"] = worn.values["yield"].tolist()
     series["0"] = health.values["yield"].tolist()
     alarms = {name: alarm["number"] - first for name, alarm in health.alarms.items()}
@@ -140,15 +140,15 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     rows = []
     for name, own in found["losses"].items():
         seen = [r for r in own["records"] if r is not None]
-        told = own["told"]
+        change = own["told"]
         rows.append((f"{float(name):.0%}", f"{len(seen)} of {len(own['records'])}",
                      f"{np.median(seen):g} ({min(seen)} to {max(seen)})" if seen else "",
-                     f"{100.0 * told['mean']:+.1f} ± {100.0 * told['half_width']:.1f} %"))  # fmt: skip
+                     f"{100.0 * change['mean']:+.1f} ± {100.0 * change['half_width']:.1f} %"))  # fmt: skip
     false, rate = sum(bool(a) for a in healthy["alarms"]), healthy["share"]
     return [
         f"healthy: {false} of {healthy['devices']} devices gave an alarm over {healthy['days']} days "
         f"({rate['share']:.0%}, {rate['low']:.0%} to {rate['high']:.0%})",
-        *text_table(("loss", "noticed", "after records: median (range)", "change told"), rows),
+        *text_table(("loss", "noticed", "after records: median (range)", "reported change"), rows),
     ]
 
 

@@ -75,7 +75,7 @@ LEARNING = LearningCfg(desired_kl=0.01, entropy=0.0005, symmetry=False)
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentsCfg:
-    """What is compared, and how long each arm learns.
+    """Compared arms, and how long each learns.
 
     Raises:
         ValueError: no policy to begin with is there for a seed.
@@ -172,7 +172,7 @@ def run(
 
 
 def _asked(cfg: CurrentsCfg) -> dict[str, Any]:
-    """What measured figures depend on, but for the folder."""
+    """Dependencies of measured figures, except the folder."""
     names = ("coil_lag", "iterations", "trials", "distance", "pushes", "power_price")
     return {name: getattr(cfg, name) for name in names}
 

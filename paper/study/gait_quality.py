@@ -24,7 +24,8 @@ class Rules:
     """Limits of a policy that tables can rest on, at 0.5 m/s on flat ground."""
 
     tilt_rms: float = 1.0
-    """Largest RMS of roll and pitch together [deg]: one leg of a pair 0.4 m apart stands 7 mm higher than the other."""
+    """Largest RMS of roll and pitch together [deg]: one leg of a pair with 0.4 m between them stands 7 mm higher than
+    the other."""
     lean: float = 0.5
     """Largest mean roll or pitch [deg]: half of what the RMS may be."""
     sides: float = 0.05

@@ -1,7 +1,7 @@
 """Where holding ends: faster gaits, heavier loads, a softer motor and a slower coil, age, and a stance on four brakes.
 
 The shipped policies of MR_Go-SAL walk as they are: they know the 1.5 Hz clock, loads up to 3.5 kg, and coils without
-lag. Policies that were trained on at each clock may walk beside them. Each part is one batch, or one per gait or
+lag. Policies that were trained on at each clock may walk next to them. Each part is one batch, or one per gait or
 ground; every setting meets the same robots, poses and gait phases.
 """
 
@@ -94,7 +94,7 @@ def walk(
     env: WalkEnv, policies: Sequence[Policy], speed: np.ndarray, mass: np.ndarray, seconds: float,
     electrical: ElectricalCfg, *, trials: int, warmup: float = 2.0, watch: Callable[[], None] | None = None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """Walk for a time; policies drive equal parts of the environments, groups of ``trials`` begin alike.
+    """Walk for a time; policies drive equal parts of the environments, groups of ``trials`` begin identically.
 
     Args:
         env: The environments, with their settings.

@@ -53,13 +53,13 @@ KEPT = ("iteration", "reward", "v_x_rmse", "falls_per_hour", "clock_match", "lev
 """Figures of a learning curve in a record."""
 
 _ORIGIN = ("task", "seed", "iteration")
-"""Entries that tell apart the policies that trainings begin with; their files may have moved."""
+"""Entries that distinguish the policies that trainings begin with; their files may have moved."""
 
 TITLES = {CONVENTIONAL: "baseline Go1 policy", AWARE: "MRA-SAL policy"}
 """Names of figure 5's curves."""
 
 COLOURS = ("#b4451f", "#1f6fb4", "#3a8f3a", "#7a4fa3", "#555555")
-"""Of the curves in their order; a sixth begins anew."""
+"""Of the curves in their order; a sixth begins again."""
 
 
 class RunError(ValueError):
@@ -116,7 +116,7 @@ def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str],
 
 
 def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
-    """Copy finished policies into a folder and write their training records beside them.
+    """Copy finished policies into a folder and write their training records next to them.
 
     What trainings started from is not compared, the records say it. Nothing is written unless all can be.
 

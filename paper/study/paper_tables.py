@@ -42,7 +42,7 @@ LEAST = {"rmse": 0.30, "bias": 0.80}
 and 0.874."""
 
 RANKED = tuple(metric for metric in METRICS if metric != "height")
-"""Metrics of table 3 in which less is better: of the bias each seed's absolute value, in ranking and test alike."""
+"""Metrics of table 3 in which less is better: of the bias each seed's absolute value, in both ranking and test."""
 
 Report = Callable[[float], None]
 

@@ -190,21 +190,21 @@ def kept(path: Path, of: Mapping[str, Any], make: Callable[[], dict[str, Any]]) 
         begun, figures = time.process_time(), make()
         content = {"of": of, "figures": figures, "processor_seconds": time.process_time() - begun}
         write_text(path, json.dumps(plain(content), indent=1) + "\n")
-    found = read_json_file(path, "remove it to measure anew")
+    found = read_json_file(path, "remove it to measure again")
     if not isinstance(found, dict) or found.get("of") != plain(of):
         raise ValueError(f"{path}: measured with other choices than asked for; name another --out")
     return found["figures"]
 
 
 def spent(out: Path) -> dict[str, float]:
-    """What a study's folder took, over all calls that filled it.
+    """Time of a study's folder, over all calls that filled it.
 
     Returns:
         ``measuring``: processor seconds of all that :func:`kept` made; ``training``: seconds of the trainings.
     """
     found = {"measuring": 0.0, "training": 0.0}
     for path in sorted(out.rglob("*.json")):
-        content = read_json_file(path, "remove it to measure anew")
+        content = read_json_file(path, "remove it to measure again")
         if isinstance(content, dict) and path != out / "result.json":
             found["measuring"] += content.get("processor_seconds", 0.0)
             found["training"] += content.get("seconds", 0.0) if path.name == "result.json" else 0.0

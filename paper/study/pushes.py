@@ -46,7 +46,7 @@ ONE_GATE = {"damping only": {"eps_hold": 0.0}, "holding only": {"eps_e": 10.0}}
 
 @dataclass(frozen=True, kw_only=True)
 class PushesCfg:
-    """What is pushed, and how hard."""
+    """Pushed robots, and how hard."""
 
     policies: Path
     """Folder of policies that walk on rough ground; they walk on the flat one too."""
@@ -133,9 +133,9 @@ class Pusher:
         """Push with a force [N] into all directions.
 
         Returns:
-            Of each arm: ``fell``, shape (directions, trials); ``moved`` [m], likewise, null where the robot fell; and
-            of each leg group, lee (where the push goes) and luff, the share of the first 0.4 s in which their knees'
-            gates are open and the work that the devices took in it [J], means over the trials.
+            Of each arm: ``fell``, shape (directions, trials); ``moved`` [m] of that shape, null where the robot fell;
+            and of each leg group, lee (where the push goes) and luff, the share of the first 0.4 s in which their
+            knees' gates are open and the work that the devices took in it [J], means over the trials.
         """
         sweep, cfg = self._built(), self.cfg
         env, trials, count = sweep.env, cfg.trials, len(arms(cfg))
@@ -208,7 +208,7 @@ def summary(names: Sequence[str], cells: Sequence[Mapping[str, Any]]) -> dict[st
         By arm: ``fell``, over all directions, ``by_direction``, and ``ahead`` and ``aside`` (within 45° of the robot's
         axis, or of its sides), each a share with its interval; ``fell_change`` against the first arm with the half
         width of its 95 % interval over robots (a robot: one seed, pose and gait phase, pushed into all directions);
-        ``moved``, by direction [m], and ``moved_change`` [m] of the pushes that neither arm fell under, likewise;
+        ``moved``, by direction [m], and ``moved_change`` [m] of the pushes that neither arm fell under, in that form;
         ``damps``, ``holds``, ``damping_work``, ``holding_work`` of the knees at lee and luff.
     """
     fell = {name: np.concatenate([np.array(cell[name]["fell"]) for cell in cells], axis=1) for name in names}

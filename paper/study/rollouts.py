@@ -61,7 +61,7 @@ class EvaluationCfg:
     coupling: Coupling = Coupling.EXPLICIT
     """How its devices act: the paper's torque, or a brake that sticks."""
     terrain: str = "flat"
-    """Ground; on rough ground a multiple of 36 rollouts covers every level and kind alike."""
+    """Ground; on rough ground a multiple of 36 rollouts covers every level and kind equally."""
     speed: float = 0.5
     """Commanded speed [m/s]."""
     warmup: float = 2.0

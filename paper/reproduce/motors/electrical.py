@@ -1,4 +1,4 @@
-"""What every assumed electrical number moves in table 6: power recomputed from the walks, nothing simulated again."""
+"""Effect of every assumed electrical number on table 6: power recomputed from the walks, nothing simulated again."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def compute(job: Job) -> Findings:
     return Findings(
         notes=[
             "Each assumed number stands at the ends of its plausible range, with the calibrated ones fitted "
-            "again to Go1's rows; each of these stands at the ends of its 95 % interval, with the others fitted "
+            "again to Go1's rows. Each of these stands at the ends of its 95 % interval, with the others fitted "
             f"again.{span}",
             f"Standing, the paper's Go1 draws {consistency.STANDING:.1f} W more than its MR_Go on held calves, ours "
             f"{standing:.1f} W: the calves' copper {held:.1f} W, less coils and controllers. With calves without extra "
@@ -113,11 +113,11 @@ def budget(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: Electr
                 f"{1e3 * (mean(on.motion['height']) - mean(off.motion['height'])):+.0f}",
             ]
         )
-    return TextTable(title="What there is to save, and what SAL changes besides", head=head, rows=rows)
+    return TextTable(title="What there is to save, and other changes by SAL", head=head, rows=rows)
 
 
 def same_gait(alone: Sequence[Saving], stuck: Sequence[Saving]) -> TextTable:
-    """What SAL saves with the holding torque of eq. 19 alone, which leaves MR_Go's gait as it is."""
+    """Saving by SAL with the holding torque of eq. 19 alone, which leaves MR_Go's gait as it is."""
     trained = {saved.name: f"{_percent(saved.hold_share)} %" for saved in stuck}
     head = [
         "condition",
@@ -144,7 +144,7 @@ def same_gait(alone: Sequence[Saving], stuck: Sequence[Saving]) -> TextTable:
 
 
 def drive_friction(walked: Walks, fit: Calibration, theirs: dict[str, float]) -> tuple[TextTable, str]:
-    """What drive friction explains: Go1's rows, and the predicted reductions of COT, without it and with it.
+    """Effect of drive friction: Go1's rows, and the predicted reductions of COT, without it and with it.
 
     ``theirs`` are the paper's reductions of COT by condition.
     """

@@ -96,9 +96,9 @@ def test_it_says_how_many_seeds_would_tell() -> None:
     judged = judge(claim(**EFFECT), results(("a", -10.0, None, -5.0, 9.0)))
     assert judged.needed == 15
     assert 2.0 * judged.figures[0].half_width(15) < 10.0 <= 2.0 * judged.figures[0].half_width(14)
-    assert pages.claim_row(judged)[-2] == "unresolved: 15 seeds would tell"
+    assert pages.claim_row(judged)[-2] == "unresolved: 15 seeds would decide"
     never = judge(claim(**EFFECT), results(("a", -0.01, None, -5.0, 900.0)))
-    assert pages.claim_row(never)[-2] == "unresolved: more than 10000 seeds would tell"
+    assert pages.claim_row(never)[-2] == "unresolved: more than 10000 seeds would decide"
 
 
 def test_levels_of_the_same_seeds_are_separated_seed_by_seed() -> None:
