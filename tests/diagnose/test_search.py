@@ -39,7 +39,7 @@ def test_threshold_is_chi_squared_or_a_share_of_the_samples() -> None:
 
 
 def test_a_look_at_a_candidate_is_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a look taken anew would be; again only where other starts are left as they are."""
+    """As a look taken again would be; again only where other starts are left as they are."""
     problem = made({"coil_lag": {"time_constant": 0.02}})
     models, asked = Models(problem, known.fitted(problem)), list[list[str]]()
     taken = screening.screen

@@ -36,7 +36,7 @@ def test_trajectories_of_other_lengths_and_rates_do_not_mix() -> None:
 
 
 def test_what_was_replayed_shortly_before_is_not_replayed_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same rows in another order and company: equal torque, bit for bit, and only the new row is simulated."""
+    """Equal rows in another order and company: equal torque, bit for bit, and only the new row is simulated."""
     replay = EffectReplay(Motion.of(synthetic.bench_like(4, runs=2, seconds=1.0)))
     rows = np.repeat(null_row()[None], 4, axis=0)
     rows[:, 1], rows[:, 4], rows[:, 7] = (0.1, 0.2, 0.3, 0.4), 1.0, 5.0
