@@ -10,6 +10,8 @@ from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.recording.load import load_recording
 
 pytestmark = pytest.mark.slow
+NOTCH = np.deg2rad(0.022)
+"""Step of the brake's encoder [rad]."""
 
 
 def written(folder: Path, name: str, columns: dict[str, np.ndarray]) -> None:
@@ -38,7 +40,7 @@ def geared_brake(folder: Path, rng: np.random.Generator) -> None:
             torque[i] = spring * (angle - shaft - min(max(angle - shaft, -play), play))
         at = np.arange(0, len(t) - 10, 10) * step + rng.uniform(0.0, 2e-4, 1499)
         i = (at / step).astype(int)
-        angle = np.round(np.rad2deg(np.interp(at, t, q)) / 0.022) * 0.022
+        angle = np.rad2deg(np.round(np.interp(at, t, q) / NOTCH) * NOTCH)
         noisy = np.interp(at, t, torque) + 0.02 * rng.normal(size=len(at))
         written(folder, f"run{k}", {"t": at, "q": angle, "current": 1e3 * command[i], "torque": noisy})
     units = {"t": "s", "q": "deg", "current": "mA", "torque": "N·m"}
@@ -46,7 +48,10 @@ def geared_brake(folder: Path, rng: np.random.Generator) -> None:
 
 
 def test_a_geared_brake_has_play_and_a_spring(tmp_path: Path) -> None:
-    """Play, spring, saturation and coil lag with their true sizes, and nothing else."""
+    """Play, spring, saturation and coil lag, and nothing else: each interval holds the truth.
+
+    The half-gap, the smallest way of all, is known to a notch of the encoder at most, which is 15 % of it.
+    """
     geared_brake(tmp_path, np.random.default_rng(14))
     found = diagnose(load_recording(tmp_path))
     causes = {c.name: c for c in found.causes}
@@ -56,9 +61,10 @@ def test_a_geared_brake_has_play_and_a_spring(tmp_path: Path) -> None:
         ("current_saturation", "u"): 1.9, ("coil_lag", "time_constant"): 0.015,
     }  # fmt: skip
     for (cause, number), value in truth.items():
-        estimate = causes[cause].parameters[number]
-        assert estimate.ci95 is not None and estimate.value == pytest.approx(value, rel=0.12)
-        assert 0.97 * estimate.ci95[0] < value < 1.03 * estimate.ci95[1]
+        ci95 = causes[cause].parameters[number].ci95
+        assert ci95 is not None
+        low, high = ci95
+        assert low < value < high and high - low < 2.0 * NOTCH / np.deg2rad(0.15) * value
     assert found.extended.nrmse < 0.02
 
 
