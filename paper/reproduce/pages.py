@@ -209,7 +209,7 @@ def counts(found: Results) -> dict[str, str]:
     return {
         "all": (
             f"Of the paper's {len(judged)} claims {fitted} {'is' if fitted == 1 else 'are'} calibrated and {excluded} "
-            f"cannot both be true; the others are about {sum(sum(n.values()) for n in effects.values())} physical "
+            f"cannot both be true. The others are about {sum(sum(n.values()) for n in effects.values())} physical "
             "effects, each of which counts once, by its worst claim."
         ),
         "in view": f"Of {sum(effects[Mark.IN_VIEW].values())} chosen in view: {many(Mark.IN_VIEW)}.",
