@@ -5,7 +5,7 @@ Stages, in the order of the paper: gate (eqs. 5, 8), coil, history (eq. 12), Bou
 
 * ``explicit``: the device's torque is computed from the state at the start of the step and applied (the paper's way).
 * ``constraint``: the device is a dry friction whose bound is the yield torque (held) or the predicted torque
-  (sliding, off); the solver finds the reaction. Passive in discrete time, and it truly sticks.
+  (sliding, off); the solver finds the reaction. Passive in discrete time, and it stands still without creeping.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ With ``inputs.mr_foot_load = None`` there are no gates: a plain current-driven d
 
 Couplings: ``explicit`` (the default here) adds the device's torque to the motor's. ``constraint`` gives the motor's
 torque only and writes ``brake_bound``, which :func:`apply_brake_bounds` hands to a ``SolverMuJoCo`` as dry friction:
-passive in discrete time, and it truly sticks.
+passive in discrete time, and it stands still without creeping.
 
 A learned torque (``mrwarp learn``) runs in it after ``actuator.drive.use_learned(model, dt=...)``, with states made
 afterwards.

@@ -16,7 +16,7 @@ from mrwarp.params import MrParams
 class Brake:
     """A device at a hinge. Call :meth:`step` before every ``mujoco.mj_step``.
 
-    The device can do no positive work, and a held joint truly sticks: it creeps by 1e-5 rad/s per N·m.
+    The device can do no positive work, and a held joint sticks: it creeps by 1e-5 rad/s per N·m.
 
     Example:
         >>> import mujoco, mrwarp.mujoco

@@ -170,7 +170,7 @@ def test_accuracy_constraint_is_first_order(compared):
 
 
 def test_accuracy_reference_is_a_reference(compared):
-    """Its own error is a tenth of the smallest error it judges, and it truly sticks for a part of the time."""
+    """Its own error is a tenth of the smallest error it judges, and it sticks for a part of the time."""
     assert (10.0 * np.array(compared.reference_error) < compared.rms["constraint"]["0.001"]).all()
     assert (compared.paths["reference"][..., 1] == 0.0).mean() > 0.1
 
