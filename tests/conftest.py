@@ -1,6 +1,8 @@
 """Shared by all tests: quiet Warp, one torch thread, skipped GPU tests, and the measured data next to the checkout."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 # before NumPy: the processes of `make test` share the cores
@@ -44,3 +46,16 @@ def shared_data() -> Path:
     if not SHARED.is_dir():
         pytest.skip("no folder 'shared' with measurements next to the checkout")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built without a network; skips where hatchling is absent."""
+    folder, root = tmp_path_factory.mktemp("wheel"), Path(__file__).resolve().parents[1]
+    build = ["pip", "wheel", "--no-deps", "--no-build-isolation", "-q", "-w", str(folder), str(root)]
+    built = subprocess.run([sys.executable, "-m", *build], capture_output=True, text=True, check=False)
+    if "hatchling" in built.stderr and "No module named" in built.stderr:
+        pytest.skip("hatchling, which builds the wheel, is not installed")
+    assert built.returncode == 0, built.stderr
+    (found,) = folder.glob("*.whl")
+    return found

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -37,11 +38,11 @@ def closure(requirements: list[str]) -> dict[str, importlib.metadata.Distributio
 
 
 @pytest.fixture(scope="module")
-def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with nothing but mrwarp and what its core depends on, as links to what is installed."""
+def core(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with nothing but the wheel, unpacked, and what its core depends on, as links to what is installed."""
     site = tmp_path_factory.mktemp("core")
-    for folder in ("mrwarp", "policies", "models", "assets"):
-        (site / folder).symlink_to(ROOT / folder)
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
     for distribution in closure(PROJECT["dependencies"]).values():
         for file in distribution.files or []:
             top = file.parts[0]
