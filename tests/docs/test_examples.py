@@ -220,7 +220,7 @@ def test_a_page_runs_from_top_to_bottom(
     namespace: dict[str, object] = {"__name__": "page"}
     said = ""
     found = blocks(PAGES[name])
-    for block, after in zip(found, [*found[1:], None], strict=True):
+    for block, after in zip(found, [*found, None][1:], strict=True):
         if block.language == "python":
             file = tmp_path / f"block_{block.line}.py"  # where Warp finds the source of a kernel
             file.write_text(block.text, encoding="utf-8")
