@@ -31,16 +31,20 @@ test-mjlab:
 # Isaac Lab 3.0.0 pins these Newton, Warp, MuJoCo and torch, mjlab 1.6.0 this rsl-rl
 OLDEST = $(shell sed -n '/^dependencies/,/^\]/p;/^sim = /,/^\]/p;/gymnasium>/p' pyproject.toml | sed -nE 's/^ *"([^>]*)>=([0-9.]*).*/\1==\2/p')
 HOSTS := $(addprefix tests/,actuator/test_newton_drive.py actuator/test_joint_batch.py mujoco integrations)
-test-oldest:
-	test -x .venv-oldest/bin/pytest || { $(PYTHON) -m venv .venv-oldest && \
-		.venv-oldest/bin/python -m pip install $(foreach pin,$(OLDEST),'$(pin)') -e . pytest; }
+.venv-oldest/bin/pytest:
+	$(PYTHON) -m venv .venv-oldest
+	.venv-oldest/bin/python -m pip install $(foreach pin,$(OLDEST),'$(pin)') -e . pytest
+
+test-oldest: .venv-oldest/bin/pytest
 	PYTHONPATH=. .venv-oldest/bin/python -m pytest --noconftest $(HOSTS)
 
 # the core alone in an environment of its own, with any PYTHON: commands, kernels, effects and fits
 CORE := $(addprefix tests/,test_cli.py test_params.py kernels effects identify/test_fit.py)
-test-core:
-	test -x .venv-core/bin/pytest || { $(PYTHON) -m venv .venv-core && \
-		.venv-core/bin/python -m pip install -c constraints.txt -e . pytest; }
+.venv-core/bin/pytest:
+	$(PYTHON) -m venv .venv-core
+	.venv-core/bin/python -m pip install -c constraints.txt -e . pytest
+
+test-core: .venv-core/bin/pytest
 	PYTHONPATH=. .venv-core/bin/python -m pytest --noconftest -m "not slow and not gpu" \
 		--ignore tests/kernels/test_cuda_compile.py $(CORE)
 
