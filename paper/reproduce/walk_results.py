@@ -198,8 +198,13 @@ def _reduced(after: Cots, before: Cots, cell: tuple[float, float]) -> float:
 
 
 def _stuck(claims: Sequence[Claimed]) -> list[Claimed]:
-    """The claims for brakes that stick."""
-    return [(f"stuck_{name}", f"a device that sticks: {text}", holds) for name, text, holds in claims]
+    """Claims of brakes that stick."""
+    return _of("stuck", "a device that sticks", claims)
+
+
+def _of(begin: str, title: str, claims: Sequence[Claimed]) -> list[Claimed]:
+    """Claims of other walks, by identifiers and sentences that begin so."""
+    return [(f"{begin}_{name}", f"{title}: {text}", holds) for name, text, holds in claims]
 
 
 def _saved(savings: Sequence[Saving]) -> str:
@@ -360,12 +365,12 @@ def table7(job: Job) -> Findings:
     """Mean activation over the calves next to the paper's simulation and hardware."""
     walked = walks.read(job)
     rows, share, claims = _activation(walked, "both", {"hardware": "paper's hardware"})
-    simulated, *_ = _activation(walked, "as_commanded", {"simulation": "paper's simulation"})
+    simulated, _, nominal = _activation(walked, "as_commanded", {"simulation": "paper's simulation"})
     stuck = {"hardware": "paper's hardware, a device that sticks"}
     more, share_sticking, claims_sticking = _activation(walked, "constraint_coupling", stuck)
     return Findings(
         rows=[*rows, *simulated, *more],
-        **identified(*claims, *_stuck(claims_sticking)),
+        **identified(*claims, *_of("commanded", "at 0.3 and 0.5 m/s", nominal), *_stuck(claims_sticking)),
         notes=walked.arrivals("both", "as_commanded", "constraint_coupling", robots=("mr_go_sal",)),
         figures={
             name: {paper.condition_name(*cell): value for cell, value in found.items()}

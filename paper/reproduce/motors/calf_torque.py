@@ -97,12 +97,17 @@ def _tail(results: Sequence[WalkResult]) -> tuple[TextTable, str]:
     title = "The front-right calf's torques beyond Go1's 95th percentile with SAL, and its time [% of either]"
     text = "No condition in which both arrived."
     if held:
-        before, during, after = (f"{100.0 * min(x):.0f} to {100.0 * max(x):.0f} %" for x in np.transpose(held)[1:])
+        before, during, after = (_span(100.0 * x) for x in np.transpose(held)[1:])
         text = (
             f"The tail is what the gate of eq. 8 leaves out: of the torques beyond Go1's 95th percentile {before} come "
             f"before the calf is held, from touch-down on, {during} while it is, and {after} after it was let go."
         )
     return TextTable(title=title, head=head, rows=rows, id="tail"), text
+
+
+def _span(values: np.ndarray) -> str:
+    """Least and largest of some percentages, one figure where both are equal."""
+    return " to ".join(dict.fromkeys(f"{value:.0f}" for value in (values.min(), values.max()))) + " %"
 
 
 def _thigh(walked: Walks) -> str:
