@@ -344,7 +344,7 @@ def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
         "the same, a device that sticks": (stuck, stuck),
         "both MR_Go's": (swapped, own),
         "both MR_Go-SAL's": (own, swapped),
-        "both table 2's, no price on power, a device that sticks": (cots_free, cots_free),
+        "both table 2's, no price on power": (cots_free, cots_free),
         f"each its own, a price of {HIGH_POWER_PRICE:g} instead of {POWER_PRICE:g} per watt": (cots_dear, cots_dear),
     }
     rows = []

@@ -51,8 +51,8 @@ VARIANTS = {
     # MR_Go-SAL's policies were trained with such devices; MR_Go's are its first, as many as those
     "constraint_coupling": Variant(robots=SAL, coupling=Coupling.CONSTRAINT, title="A device that sticks"),
     "swapped_policies": Variant(robots=SAL, title="Each other's policies"),
-    # the actuator-aware policies of table 2, trained without a price and with a device that sticks
-    "no_power_price": Variant(robots=paper.ROBOTS, coupling=Coupling.CONSTRAINT, title="Table 2's policies"),
+    # the actuator-aware policies of table 2, trained without a price
+    "no_power_price": Variant(robots=paper.ROBOTS, title="Table 2's policies"),
     "high_power_price": Variant(robots=paper.ROBOTS, title="The high price's policies"),
 }
 """The walked conditions, by the names in :attr:`Walks.results`."""

@@ -1,5 +1,6 @@
 """Entries that read the walks, on made-up trials: falls and late arrivals are reported, else no claim holds."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -291,6 +292,22 @@ def test_robots_walk_at_the_speeds_that_the_paper_measured(tmp_path: Path, monke
     assert [name for name, cfg in by_name.items() if not cfg.commanded] == ["as_commanded"]
     assert by_name["both"].commanded["mr_go_sal", 3, 0.3] == 0.33
     assert by_name["both"].trials == 3 * by_name["as_commanded"].trials == 15
+
+
+def test_policies_with_sal_walk_on_the_devices_that_they_were_trained_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the records of the shipped ones; those of another robot are taken to it on purpose."""
+    asked = []
+    monkeypatch.setattr(walks, "walk", lambda cfg, policies, report: asked.append((cfg, policies)) or [])
+    monkeypatch.setattr(walks, "ensembles", lambda paths: dict(paths))
+    monkeypatch.setattr(walks, "Ensemble", tuple)
+    monkeypatch.setattr(walks, "standing_load", lambda *_, **__: (None, {}))
+    walks.simulate(Job(settings=Settings(), out=tmp_path))
+    for name, (cfg, policies) in zip(walks.VARIANTS, asked, strict=True):
+        if name not in ("same_gait", "swapped_policies"):
+            tasks = [json.loads(file.with_suffix(".json").read_text())["task"] for file in policies["mr_go_sal"]]
+            assert {task["coupling"] for task in tasks} == {cfg.env.actuator.coupling.value}, name
 
 
 def test_table_7_has_the_papers_simulation_next_to_walks_as_commanded(tmp_path: Path) -> None:
