@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked, likely
 from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
-from mrwarp.robot_logs.causes import OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
+from mrwarp.robot_logs.causes import ORDINARY, OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import FirstLook, first_look, fitted, fitted_alone, likelier, searched, uneven
@@ -238,9 +238,18 @@ def diagnose_log(
 def _first_answer(
     look: FirstLook, model: ReplayModel, log: RobotLog, groups: list[Windows], parameters: list[Parameter], begun: float
 ) -> RobotDiagnosis:
-    """A diagnosis that is not final: the single change with which the replay is best as a suspect, and no verdict."""
+    """A diagnosis that is not final: the changes with which the replay is best as suspects, and no verdict.
+
+    Where no fault stands out, what descriptions rarely know may: of that the changes as large as a fault.
+    """
     unknown, found = float("nan"), []
-    for d in look.loudest:
+    moved = np.abs(look.begin - look.session)
+    ordinary = [
+        Direction(cause=p.cause, where=p.where, members=(k,))
+        for k, p in enumerate(parameters)
+        if p.cause in ORDINARY and moved[k] > p.least
+    ]
+    for d in look.loudest or ordinary:
         change = {k: float(look.begin[k]) for k in d.members}
         first = parameters[d.members[0]]
         values = _values(first, float(np.mean(list(change.values()))), unknown)

@@ -10,6 +10,7 @@ from rerun.chunk import RrdReader
 
 from mrwarp.cli import main
 from mrwarp.robot_logs import robot_diagnosis
+from mrwarp.robot_logs.robot_log import load_log
 from tests.robot_logs.arm_log import arm_log
 
 
@@ -102,6 +103,22 @@ def test_the_first_answer_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture
     line = ["diagnose", str(log), "--robot", str(robot), "--rrd", str(tmp_path / "a.rrd"), "--out", str(out), "--quick"]
     assert main(line) == 2
     assert "--rrd: needs a verdict" in capsys.readouterr().err
+
+
+def test_the_first_answer_names_what_descriptions_rarely_know(tmp_path: Path) -> None:
+    """Dry friction of the elbow, three times the description's; of a healthy arm nothing is likely."""
+
+    def rubs(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[1] += 0.3
+
+    answers = {}
+    for name, change in (("rubs", rubs), ("healthy", None)):
+        log = load_log(arm_log(tmp_path / name, seconds=4.0, change=change))
+        answers[name] = robot_diagnosis.diagnose_log(tmp_path / name / "arm.xml", log, answered=lambda _: False)
+    [best] = answers["rubs"].suspects
+    assert best.name == "coulomb_friction" and best.reason.startswith("at elbow: ")
+    assert best.parameters["torque"].value == pytest.approx(0.3, abs=0.1)
+    assert answers["healthy"].suspects == () and "no single fault" in answers["healthy"].sentence
 
 
 def test_ctrl_c_keeps_the_first_answer_of_a_log(
