@@ -65,7 +65,7 @@ class LawChoice:
     the recording shows one."""
     rival: float
     """Error of eq. 14 with the effects that help it most."""
-    with_effects: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
     """These effects."""
     simpler: bool = False
     """Whether the law was taken as one of fewer numbers than eq. 15 that predicts as well."""
@@ -165,7 +165,7 @@ def choose_law(
         name=best if taken or simpler else "bouc_wen",
         held_out=held_out,
         rival=nrmse(paper),
-        with_effects=effects,
+        beside=effects,
         simpler=simpler,
     )
     if not choice.other:

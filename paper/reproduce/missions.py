@@ -275,7 +275,7 @@ def _price(found: Mission) -> str:
         for price, (others, calves) in found.loaded.items()
     )
     return (
-        f"Go1's hips and thighs warm by {ours:.1f} K and the paper's by {theirs:.1f}: a price on power unloads them; "
+        f"Go1's hips and thighs warm by {ours:.1f} K and the paper's by {theirs:.1f}. A price on power unloads them: "
         f"their squared torque is of the calves' {shares} (3 kg, 0.3 m/s)."
     )
 
@@ -285,5 +285,5 @@ def _relief(found: Mission) -> str:
     load, speed = HELD
     theirs = paper.TABLE_7[load, speed]["simulation"]
     shares = f"{100.0 * found.held:.0f} % of the time and the paper's for {100.0 * theirs:.0f} % (table 7)"
-    held = "" if math.isnan(found.held) else f", which at {load:g} kg and {speed:g} m/s are held for {shares},"
-    return f"Our calves{held} warm by {rise['mr_go_sal']:.1f} K with SAL and {rise['mr_go']:.1f} K without."
+    held = "" if math.isnan(found.held) else f" At {load:g} kg and {speed:g} m/s they are held for {shares}."
+    return f"Our calves warm by {rise['mr_go_sal']:.1f} K with SAL and {rise['mr_go']:.1f} K without.{held}"

@@ -210,8 +210,8 @@ def counts(found: Results) -> dict[str, str]:
         "all": (
             f"Of the paper's {len(judged)} claims {fitted} {'is' if fitted == 1 else 'are'} calibrated and {excluded} "
             "contradict each other within the paper. The others are about "
-            f"{sum(sum(n.values()) for n in effects.values())} physical effects, each of which counts once, by its worst "
-            "claim."
+            f"{sum(sum(n.values()) for n in effects.values())} physical effects, each of which counts once, by "
+            "its worst claim."
         ),
         "in view": f"Of {sum(effects[Mark.IN_VIEW].values())} chosen in view: {many(Mark.IN_VIEW)}.",
         "predicted": f"Of {sum(effects[Mark.PREDICTED].values())} predicted: {many(Mark.PREDICTED)}.",

@@ -70,9 +70,12 @@ def test_undecided_is_an_alternative(named: str, other: str, known: str, monkeyp
     rival = SimpleNamespace(total=90.0 if known == "fits of other sizes" else 30.0)
     found = None if known == "too few steps" else steps(named, 0.004, noise=0.08 if known == "one of them" else 20.0)
     models: Any = SimpleNamespace(
-        problem=None, added=lambda fit: ["wear", named], without=lambda fit, name: without, grown=lambda fit, c: rival
+        problem=None,
+        added=lambda fit: ["wear", named],
+        without=lambda fit, name: without,
+        screened=lambda fit, effects: effects,
+        grown=lambda fit, candidate: rival,
     )
-    monkeypatch.setattr(lag_or_delay, "screen", lambda *given: [other])
     monkeypatch.setattr(lag_or_delay, "find_steps", lambda *given: found)
     said = decided_by_steps(models, cast(Fit, final), [named, other])
     assert said.model is final

@@ -99,8 +99,8 @@ def _tail(results: Sequence[WalkResult]) -> tuple[TextTable, str]:
     if held:
         before, during, after = (_span(100.0 * x) for x in np.transpose(held)[1:])
         text = (
-            f"The tail is what the gate of eq. 8 leaves out: of the torques beyond Go1's 95th percentile {before} come "
-            f"before the calf is held, from touch-down on, {during} while it is, and {after} after it was let go."
+            f"The tail is what the gate of eq. 8 leaves out. Of the torques beyond Go1's 95th percentile {before} come "
+            f"before the calf is held, from touch-down on. While it is held come {during}, after it was let go {after}."
         )
     return TextTable(title=title, head=head, rows=rows, id="tail"), text
 

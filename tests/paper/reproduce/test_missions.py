@@ -98,7 +98,7 @@ def test_figure11_reports_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, t
     """Ours next to table 7's, whichever is longer; without ours, neither."""
     traces = {robot: trace(robot, share=1.1) for robot in paper.ROBOTS}
     why = row(made(fig11, monkeypatch, tmp_path, traces, held=0.2), "MR_Go, calves, both walks", "rise").why
-    assert "at 3 kg and 0.3 m/s are held for 20 % of the time and the paper's for 26 % (table 7)" in why
+    assert "At 3 kg and 0.3 m/s they are held for 20 % of the time and the paper's for 26 % (table 7)" in why
     assert "longer" not in why
     why = row(made(fig11, monkeypatch, tmp_path, traces, held=np.nan), "MR_Go, calves, both walks", "rise").why
     assert "held" not in why
