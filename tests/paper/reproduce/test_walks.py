@@ -276,7 +276,7 @@ def test_the_tail_of_the_torque_is_told_by_what_the_gate_does(tmp_path: Path) ->
     (tail,) = (table for table in found.tables if table.id == "tail")
     assert tail.rows[0] == ["0 kg, 0.3 m/s", "5.2", "0, 0", "75, 23", "0, 69", "25, 8"]
     why = found.reasons["walk.calf_torque"]
-    assert "75 % come before the calf is held" in why and "0 % while it is, and 25 % after" in why
+    assert "75 % come before the calf is held" in why and "held come 0 %, after it was let go 25 %" in why
     assert calf_torque._span(np.array([9.6, 40.2])) == "10 to 40 %"
 
 
