@@ -15,12 +15,15 @@ from typing import Any
 
 import matplotlib
 
+from mrwarp.runtime import quiet_libraries
+
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "notebooks"
 
 
 def executed(path: Path) -> dict[str, Any]:
     """The notebook with the outputs of its cells; an error of a cell is raised."""
     matplotlib.use("Agg")
+    quiet_libraries()  # Warp prints the folder of its cache
     from matplotlib import pyplot
 
     notebook, names = json.loads(path.read_text(encoding="utf-8")), {"__name__": "__main__"}

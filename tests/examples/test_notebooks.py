@@ -26,6 +26,13 @@ def test_there_are_three_with_pictures() -> None:
         assert _pictures(json.loads(path.read_text(encoding="utf-8"))) and path.stat().st_size < LARGEST
 
 
+def test_no_output_names_a_folder_of_one_machine() -> None:
+    """Nor the loading of kernels, with its times."""
+    for path in NOTEBOOKS:
+        said = path.read_text(encoding="utf-8")
+        assert not [word for word in ("/root/", "/home/", ".cache", "load on device") if word in said], path.name
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In an empty folder; its pictures come from the same cells."""
