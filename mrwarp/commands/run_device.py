@@ -98,27 +98,32 @@ class MakeDevice(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class DevicePage(Options):
-    """Write docs/devices.md from the library, in a checkout."""
+    """Write docs/devices.md and docs/devices from the library, in a checkout."""
 
     engines: ClassVar[bool] = False
     only_check: opt.Flag = False
-    """write nothing; exit code 1 where the page differs, or a picture is missing"""
+    """write nothing; exit code 1 where a page differs, or a picture is missing"""
 
     def run(self, line: CommandLine) -> int:
         """0 written or equal, 1 when it differs under ``--only-check``, 2 outside of a checkout."""
-        from mrwarp.devices.device_page import PAGE, PICTURES, ROOT, page_of
+        from mrwarp.devices.device_page import FOLDER, PAGE, PICTURES, ROOT, pages_of
         from mrwarp.resources import device_names
 
         if not (ROOT / "docs").is_dir():
             raise ValueError(f"{ROOT}: has no docs; run it in a checkout")
-        text, path = page_of(DEVICES), ROOT / PAGE
+        texts = {ROOT / path: text for path, text in pages_of(DEVICES).items()}
         missing = [name for name in device_names() if not (ROOT / PICTURES / f"{name}.png").is_file()]
         for name in missing:
             print(f"{PICTURES / name}.png: missing; run mrwarp device make {name}")
+        stale = [path for path in sorted((ROOT / FOLDER).glob("*.md")) if path not in texts]
         if not self.only_check:
-            print(f"{write_text(path, text).relative_to(ROOT)}: written")
+            for path in stale:
+                path.unlink()
+            for path, text in texts.items():
+                write_text(path, text)
+            print(f"{PAGE} and {len(texts) - 1} pages in {FOLDER}: written")
             return 0
-        differs = not path.is_file() or path.read_text(encoding="utf-8") != text
-        if differs:
-            print(f"{PAGE}: differs; run mrwarp device page")
-        return 1 if differs or missing else 0
+        differing = [path for path, text in texts.items() if not path.is_file() or path.read_text("utf-8") != text]
+        for path in [*differing, *stale]:
+            print(f"{path.relative_to(ROOT)}: differs; run mrwarp device page")
+        return 1 if differing or stale or missing else 0

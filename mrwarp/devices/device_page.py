@@ -1,4 +1,4 @@
-"""``docs/devices.md``: every device of the library on one page, written from its files."""
+"""``docs/devices.md``, the table of the library, and ``docs/devices/NAME.md`` for each device, from their files."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ ROOT = Path(mrwarp.__file__).parents[1]
 """The checkout."""
 
 PAGE = Path("docs/devices.md")
-"""The page, in the checkout."""
+"""The table, in the checkout."""
+
+FOLDER = Path("docs/devices")
+"""The pages of the devices, in the checkout."""
 
 PICTURES = Path("docs/images/devices")
 """Pictures of the devices, in the checkout."""
 
 _HEAD = """# Identified devices
 
-Written by `mrwarp device page` from `models/devices`: change nothing here. Real devices, identified from public
-recordings; the library holds numbers, no recording. `mrwarp device list` is the table below, `mrwarp device show NAME`
-one entry. A command with `--model` also takes a name, and so does `mrwarp.load_model("NAME")`. A robot's
-joint takes devices in rad, A and N·m.
+Real devices, identified from public recordings. The library holds numbers, no recording. `mrwarp device list` prints
+the table below, `mrwarp device show NAME` one entry. Every `--model` takes a name, and so does
+`mrwarp.load_model("NAME")`. A robot's joint takes devices in rad, A and N·m. `mrwarp device page` writes this page and
+one for each device from `models/devices`: change nothing here.
 
 A number holds in the range that was recorded. Its 95 % interval comes from the fit: `-` where the data do not give one,
 or where the number was not fitted. The error on unseen runs is the RMS of measured minus predicted torque over the
@@ -32,21 +35,26 @@ a device.
 """
 
 
-def page(devices: list[Device]) -> str:
-    """The whole page."""
+def pages(devices: list[Device]) -> dict[Path, str]:
+    """Every page's text by its path in the checkout: the table, then a page for each device."""
     head, rows = overview(devices)
-    parts = [_HEAD, *_table(head, [(f"[{row[0]}](#{row[0]})", *row[1:]) for row in rows]), ""]
-    for device in devices:
-        parts += [f"## {device.name}", "", f"{device.stated['title']} ({device.stated['kind']}).", ""]
-        parts += [f"![Loops of {device.name}](images/devices/{device.name}.png)", ""]
-        parts += [f"* **{name}**: {_safe(text, name)}" for name, text in facts(device)]
-        parts += ["", *_table(("number", "value", "95 % interval"), numbers(device.model)), ""]
-    return "\n".join(parts)
+    table = _table(head, [(f"[{row[0]}](devices/{row[0]}.md)", *row[1:]) for row in rows])
+    found = {PAGE: "\n".join([_HEAD, *table, ""])}
+    return found | {FOLDER / f"{device.name}.md": _page_of(device) for device in devices}
 
 
-def page_of(folder: Path) -> str:
-    """The page of a library."""
-    return page(library(folder))
+def pages_of(folder: Path) -> dict[Path, str]:
+    """The pages of a library."""
+    return pages(library(folder))
+
+
+def _page_of(device: Device) -> str:
+    """One device: what it is, its loops, where it holds, its numbers."""
+    name = device.name
+    parts = [f"# {name}", "", f"{device.stated['title']} ({device.stated['kind']}). [All devices](../devices.md)", ""]
+    parts += [f"![Loops of {name}](../images/devices/{name}.png)", ""]
+    parts += [f"* **{fact}**: {_safe(text, fact)}" for fact, text in facts(device)]
+    return "\n".join([*parts, "", *_table(("number", "value", "95 % interval"), numbers(device.model)), ""])
 
 
 def _safe(text: str, name: str) -> str:

@@ -77,7 +77,7 @@ DEVICE = {
     "list": Command("run_device:ListDevices", "the library: name, law, error on unseen runs, units, licence"),
     "show": Command("run_device:ShowDevice", "numbers with intervals, range, what is unexplained, source, commands"),
     "make": Command("run_device:MakeDevice", "an entry out of what fit or diagnose made of a recording"),
-    "page": Command("run_device:DevicePage", "docs/devices.md from the library"),
+    "page": Command("run_device:DevicePage", "docs/devices.md and its pages, from the library"),
 }
 
 LOG = {

@@ -20,7 +20,7 @@ from mrwarp.options.json_file import read_json_file
 from mrwarp.run_dir import SCHEMA, plain, write_text
 from paper.reproduce import claims, paper_checks
 from paper.reproduce.comparison import BRAKE
-from paper.reproduce.verdicts import MOST_SEEDS, Figure, Judged, Mark, Results, Verdict, by_effect
+from paper.reproduce.verdicts import BY_EFFECT, MOST_SEEDS, Figure, Judged, Mark, Results, Verdict, by_effect
 
 ROOT = Path(mrwarp.__file__).parents[1]
 """The checkout."""
@@ -213,7 +213,7 @@ def counts(found: Results) -> dict[str, str]:
             f"{sum(sum(n.values()) for n in effects.values())} physical effects, each of which counts once, by "
             "its worst claim."
         ),
-        "in view": f"Of {sum(effects[Mark.IN_VIEW].values())} chosen in view: {many(Mark.IN_VIEW)}.",
+        "in view": f"Of {sum(effects[Mark.IN_VIEW].values())} tuned in view: {many(Mark.IN_VIEW)}.",
         "predicted": f"Of {sum(effects[Mark.PREDICTED].values())} predicted: {many(Mark.PREDICTED)}.",
     }
 
@@ -232,27 +232,21 @@ def _verdicts(found: Results) -> str:
     return f"{first}<br>\n{said['predicted']}"
 
 
-HEADLINES = {
-    "bench.errors/pg_rlstm": "RMSE of PG-RLSTM on ten unseen trajectories at 1, 1.2, 1.5 A [N·m]",
-    "training.tracking/change": "v_x RMSE changed by actuator-aware training, SAL off, on [%]",
-    "push.damping/height_change": "minimum height changed by 0.5, 1, 1.5 A under the push [%]",
-    "walk.saving/cot": "COT lower by SAL: 0 kg at 0.3, 0.5; 3 kg at 0.3, 0.5 m/s [%]",
-}
-"""Rows of README by their claims."""
-
-
 def _readme(found: Results) -> str:
-    """The headlines with their verdicts, how many claims have which, and the largest differences."""
-    judged = {j.claim.id: j for j in claims.judge_all(found)}
-    rows = []
-    for name, what in HEADLINES.items():
-        claim = judged[name]
-        theirs, ours, spread = _cells(list(claim.figures))
-        verdict = f"{claim.verdict.value}, {claim.mark.value}"
-        command = f"`mrwarp reproduce {claim.claim.entry}`"
-        rows.append([what, ours, spread.split(" (paper")[0], theirs, verdict, command])
-    table = _table(["against the paper", "ours", "SD", "paper", "verdict", "command"], rows)
-    return f"{table}\n\n{_verdicts(found)} Each one: [docs/reproduce.md](docs/reproduce.md)."
+    """Three sentences on how the claims fare, and where each of them stands."""
+    judged = claims.judge_all(found)
+    fitted, excluded = (sum(j.verdict is verdict for j in judged) for verdict in (Verdict.CALIBRATED, Verdict.EXCLUDED))
+    by_mark = by_effect(judged)
+    total = {verdict: sum(by_mark[mark][verdict] for mark in by_mark) for verdict in BY_EFFECT}
+    predicted = sum(by_mark[Mark.PREDICTED].values())
+    return (
+        f"Of the paper's {len(judged)} claims {fitted} {'was' if fitted == 1 else 'were'} used to fit numbers, and "
+        f"{excluded} contradict each other within the paper. The others are about {sum(total.values())} physical "
+        f"effects: {total[Verdict.REPRODUCED]} reproduced, {total[Verdict.DIRECTION]} with the paper's sign but not its "
+        f"size, {total[Verdict.UNRESOLVED]} not resolved by our seeds, {total[Verdict.NOT]} not reproduced. "
+        f"{predicted or 'None'} of them {'was' if predicted < 2 else 'were'} predicted: settings were tuned while "
+        "looking at the figures ([every claim and the reason of each difference](docs/reproduce.md))."
+    )
 
 
 def _checks(_: Results) -> str:

@@ -28,7 +28,7 @@ INTRODUCTION = (
     "Each row has the paper's figure (mean ± SD), ours (mean ± sample SD), and the difference. It is relative to the "
     "paper's and in units of the joint spread, the root of the two variances' sum (positive: ours is further from 0). "
     "A row differs if it is off by more than one joint spread, or by more than 5 % where the paper states no spread. "
-    "'Calibrated' rows were used to fit a number of our model. For those 'chosen in view' settings were tuned while "
+    "'Calibrated' rows were used to fit a number of our model. For those 'tuned in view' settings were tuned while "
     "looking at the paper's rows (docs/choices.md). 'Predicted' is neither."
 )
 """How to read the tables."""

@@ -29,11 +29,11 @@ class Verdict(enum.Enum):
     """How a claim fares."""
 
     REPRODUCED = "reproduced"
-    DIRECTION = "direction only"
+    DIRECTION = "sign agrees, size does not"
     UNRESOLVED = "unresolved"
     NOT = "not reproduced"
     CALIBRATED = "calibrated"
-    EXCLUDED = "cannot both be true"
+    EXCLUDED = "contradicts the paper itself"
 
 
 BY_EFFECT = (Verdict.NOT, Verdict.UNRESOLVED, Verdict.DIRECTION, Verdict.REPRODUCED)
@@ -44,7 +44,7 @@ class Mark(enum.Enum):
     """Knowledge of the paper's figures when ours were made."""
 
     CALIBRATED = "calibrated"
-    IN_VIEW = "chosen in view"
+    IN_VIEW = "tuned in view"
     PREDICTED = "predicted"
 
 
@@ -98,7 +98,7 @@ class Figure:
     def sign(self) -> Verdict:
         """Whether ours, an effect, has the paper's sign.
 
-        Its interval leaves out zero on the paper's side (*direction only*), holds both zero and the paper's figure
+        Its interval leaves out zero on the paper's side (*sign agrees, size does not*), holds both zero and the paper's figure
         (*unresolved*), or leaves out the paper's without being of its sign (*not reproduced*).
         """
         half = self.half_width()

@@ -9,7 +9,7 @@ import pytest
 
 import mrwarp
 from mrwarp.cli import main
-from mrwarp.devices.device_page import PAGE, PICTURES, ROOT, page_of
+from mrwarp.devices.device_page import PAGE, PICTURES, ROOT, pages_of
 from mrwarp.devices.entry import library, lines, load_device, numbers
 from mrwarp.devices.make_entry import PAPER, make_device
 from mrwarp.model_file import ModelFileError, load_model
@@ -36,7 +36,10 @@ def test_ten_devices_say_what_is_known_of_them() -> None:
 
 def test_the_pictures_and_the_page_agree_with_the_files() -> None:
     """As ``mrwarp device page --only-check`` says in ``make lint``."""
-    assert (ROOT / PAGE).read_text(encoding="utf-8") == page_of(DEVICES)
+    pages = pages_of(DEVICES)
+    assert len(pages) == 1 + len(device_names())
+    assert {path: (ROOT / path).read_text(encoding="utf-8") for path in pages} == pages
+    assert f"](devices/{device_names()[0]}.md)" in pages[PAGE]
     sizes = {path.stem: path.stat().st_size for path in (ROOT / PICTURES).glob("*.png")}
     assert tuple(sorted(sizes)) == device_names() and max(sizes.values()) < LARGEST_PICTURE
     assert main(["device", "page", "--only-check"]) == 0

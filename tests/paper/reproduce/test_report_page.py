@@ -41,11 +41,11 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
 
 
 def test_a_row_says_difference_kind_and_reason(tmp_path: Path) -> None:
-    """Relative, in joint spreads, chosen in view; a row that agrees carries no reason."""
+    """Relative, in joint spreads, tuned in view; a row that agrees carries no reason."""
     _, text = made(tmp_path)
     assert "+100.0 %" in text
     assert "+7.1" in text
-    assert "chosen in view" in text
+    assert "tuned in view" in text
     near = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.1), ours=1.05, why="reason")
     assert report.cells(near)[-1] == ""
 
