@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *ROOT.glob("[mp]o*/README.md")])
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("[mp]o*/README.md")])
 ROOMS = "mrwarp|tests|benchmarks|docs|assets|policies|models|train|viz"
 PATH = re.compile(rf"(?<![\w./-])((?:{ROOMS})/[\w./-]*[\w/])(?![\w/]*[*{{])")
 NAME = re.compile(r"\bmrwarp(?:\.[A-Za-z_]\w*)+")
@@ -55,9 +55,25 @@ def exists(name: str) -> bool:
     return False
 
 
+def cells(text: str) -> list[str]:
+    """Cells of a page's tables, code counted as one word."""
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    plain = [re.sub(r"`[^`]*`", "c", re.sub(r"\]\([^)]*\)", "]", row)) for row in rows]
+    return [cell.strip() for row in plain for cell in row.strip("|").split("|")]
+
+
 def test_the_readme_is_short() -> None:
-    """A newcomer reads at most 120 lines before the pages."""
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
+    """A newcomer reads at most 110 lines before the pages, and at most 15 words of a table's cell."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 110
+    assert [cell for cell in cells(text) if len(cell.split()) > 15] == []
+    assert len(cells("| a `b c d` | " + "word " * 16 + "|")[1].split()) == 16
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").rglob("*.md")), ids=lambda page: page.name)
+def test_a_page_is_read_in_one_sitting(page: Path) -> None:
+    """At most 200 lines; more is two subjects."""
+    assert len(page.read_text(encoding="utf-8").splitlines()) <= 200
 
 
 def test_wrong_paths_and_names_are_found() -> None:

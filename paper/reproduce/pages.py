@@ -242,8 +242,8 @@ def _readme(found: Results) -> str:
     return (
         f"Of the paper's {len(judged)} claims {fitted} {'was' if fitted == 1 else 'were'} used to fit numbers, and "
         f"{excluded} contradict each other within the paper. The others are about {sum(total.values())} physical "
-        f"effects: {total[Verdict.REPRODUCED]} reproduced, {total[Verdict.DIRECTION]} with the paper's sign but not its "
-        f"size, {total[Verdict.UNRESOLVED]} not resolved by our seeds, {total[Verdict.NOT]} not reproduced. "
+        f"effects: {total[Verdict.REPRODUCED]} reproduced, {total[Verdict.DIRECTION]} with the paper's sign but "
+        f"not its size, {total[Verdict.UNRESOLVED]} not resolved by our seeds, {total[Verdict.NOT]} not reproduced. "
         f"{predicted or 'None'} of them {'was' if predicted < 2 else 'were'} predicted: settings were tuned while "
         "looking at the figures ([every claim and the reason of each difference](docs/reproduce.md))."
     )

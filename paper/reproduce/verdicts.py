@@ -98,8 +98,8 @@ class Figure:
     def sign(self) -> Verdict:
         """Whether ours, an effect, has the paper's sign.
 
-        Its interval leaves out zero on the paper's side (*sign agrees, size does not*), holds both zero and the paper's figure
-        (*unresolved*), or leaves out the paper's without being of its sign (*not reproduced*).
+        Its interval leaves out zero on the paper's side (*sign agrees, size does not*), holds both zero and the
+        paper's figure (*unresolved*), or leaves out the paper's without being of its sign (*not reproduced*).
         """
         half = self.half_width()
         if self.ours * self.paper > 0.0 and abs(self.ours) > half:
@@ -271,8 +271,8 @@ def judge(claim: Claim, found: Results) -> Judged:
     A claim's direction is the sign of its effects, or else of the differences between its levels that the paper
     separates by more than their spread, each with its interval over seeds (:meth:`Figure.sign`); and the claims of its
     entry. *Not reproduced*: one of these is excluded, or a lone level, which has no direction, disagrees.
-    *Unresolved*: nothing is excluded, but an interval is too wide to decide. *Direction only*: all have the paper's
-    direction. *Reproduced*: every figure agrees as well. Calibrated figures take no part.
+    *Unresolved*: nothing is excluded, but an interval is too wide to decide. *Sign agrees, size does not*: all have
+    the paper's direction. *Reproduced*: every figure agrees as well. Calibrated figures take no part.
     """
     figures = claim.measure(found) if claim.measure else []
     free = [figure for figure in figures if not figure.calibrated]

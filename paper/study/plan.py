@@ -38,7 +38,7 @@ their gaits so much freedom that three seeds spread the saving by half of itself
 
 POWER_PRICE = 0.002
 """Price of a watt of motors and coils for the robots of tables 6 and 7 [1/W]. The paper says of its reward terms only
-that they were matched; what a price changes is in docs/reproduce.md."""
+that they were matched; what a price changes is in docs/paper_table6.md."""
 
 HIGH_POWER_PRICE = 0.01
 """Five times :data:`POWER_PRICE`: the other end of that comparison, and the origin of its trainings [1/W]."""

@@ -50,8 +50,8 @@ PULSE_STEPS = 2
 """Length of a pulse in torque steps of 5 ms."""
 
 CURRENT, LAG, SPEED = 0.5, 0.01, 0.5
-"""Current while a gate is open [A], the best fixed one (docs/beyond.md); the coils' time constant [s]; walked speed
-[m/s]."""
+"""Current while a gate is open [A], the best fixed one (docs/coil_commands.md); the coils' time constant [s]; walked
+speed [m/s]."""
 
 
 def device(width: float) -> Model:

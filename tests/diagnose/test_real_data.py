@@ -1,6 +1,6 @@
 """Real recordings: what their authors published about the devices must be found in them.
 
-The recordings are not part of the repository (docs/diagnosis.md says where they come from); the tests are skipped
+The recordings are not part of the repository (docs/data.md says where they come from); the tests are skipped
 where they are absent. Their folder is ``shared/data`` next to the repository, or what ``MRWARP_DATA`` names.
 """
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 def _recording(name: str):
     folder = DATA / name
     if not folder.is_dir():
-        pytest.skip(f"{folder} is not here; docs/diagnosis.md says where the recordings come from")
+        pytest.skip(f"{folder} is not here; docs/data.md says where the recordings come from")
     return load_recording(folder)
 
 

@@ -117,7 +117,7 @@ def test_the_damper_whose_zero_moved() -> None:
     """Public recordings: the mean force is 103 to 137 N in 34 runs, -12 to 5 N in 13; the groups differ by 130 N."""
     folder = DATA / "mr_utfpr"
     if not folder.is_dir():
-        pytest.skip(f"{folder} is not here; docs/diagnosis.md says where the recordings come from")
+        pytest.skip(f"{folder} is not here; docs/data.md says where the recordings come from")
     _, [fault] = recording_faults(load_recording(folder))
     assert fault.kind == "torque_zero" and fault.unit == "N"
     assert len(fault.trajectories) == 34 and fault.value == pytest.approx(130.0, rel=0.1)

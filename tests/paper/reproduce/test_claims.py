@@ -1,5 +1,6 @@
 """Verdicts follow from figures by the stated rule, and what is counted is counted once."""
 
+import re
 from collections import Counter
 
 import pytest
@@ -199,9 +200,11 @@ def test_every_claim_finds_its_rows() -> None:
     assert max(Counter(about for about, _ in marks).values()) == 1, "an effect that is both predicted and in view"
 
 
-def test_readmes_rows_are_found_by_identifiers() -> None:
-    """And its counts have a line for what was predicted."""
-    parts = pages.read()["parts"]
-    text = pages.BLOCKS["readme"](Results(parts))
-    assert set(pages.HEADLINES) <= {claim.id for claim in CLAIMS}
-    assert [line.startswith("Of ") and " predicted: " in line for line in text.splitlines()].count(True) == 1
+def test_readme_compares_in_three_sentences() -> None:
+    """All effects are counted, by verdict; it says how many were predicted, and where each claim stands."""
+    found = Results(pages.read()["parts"])
+    text = pages.BLOCKS["readme"](found)
+    assert len(re.findall(r"\.(?= |$)", re.sub(r"\]\([^)]*\)", "]", text))) == 3
+    total, *parts = (int(n) for n in re.findall(r"(\d+) (?:physical|reproduced|with|not)", text))
+    assert sum(parts) == total == sum(sum(n.values()) for n in by_effect(claims.judge_all(found)).values())
+    assert "(docs/reproduce.md)" in text and "predicted" in text
