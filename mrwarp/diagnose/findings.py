@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +17,8 @@ from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
-from mrwarp.diagnose.proof import Rejection, without_effect
-from mrwarp.diagnose.residual_structure import Line
+from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, without_effect
+from mrwarp.diagnose.residual_structure import LAG, Line
 from mrwarp.diagnose.result import (
     REGIMES,
     Accounting,
@@ -103,7 +103,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     traces = _traces(found)
     model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
     causes = causes_of(selection, model)
-    unexplained = unexplained_of(selection, found.line) or _repeatable(found)
+    unexplained = unexplained_of(selection, found.line, found.rejected) or _repeatable(found)
     if unexplained is not None:
         formula = find_formula(traces, unexplained, problem.units)
         unexplained = replace(unexplained, formula=formula)
@@ -220,12 +220,17 @@ def _numbers(effect: Effect) -> dict[str, Value]:
     return {name: Value(value=p.value, ci95=ci95, unit=p.unit) for name, (p, ci95) in fitted.items() if ci95}
 
 
-def unexplained_of(selection: Selection, line: Line | None) -> Unexplained | None:
-    """Structure that stays when the named effects are in, or None."""
+def unexplained_of(selection: Selection, line: Line | None, rejected: Sequence[Rejection] = ()) -> Unexplained | None:
+    """Structure that stays when the named effects are in, or None.
+
+    What a lag would take up that was rejected as the hidden motion of a yielding shaft is that motion, no structure.
+    """
     need = threshold(selection.final)
+    hidden = any(x.reason == HIDDEN_MOTION for x in rejected)
     left = [
         f
         for f in selection.leftovers
+        if not (hidden and f.group.form == LAG)
         if f.gain > _BEYOND_DOUBT * need
         or (f.gain > _CLEARLY * need and f.t > (_SLOW_T if f.group.slow or "memory" in f.group.variables else _LEAST_T))
     ]

@@ -8,6 +8,7 @@ with trajectories as units.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +63,8 @@ _SHORT = "it is shorter than a sample: with this law it may only round the corne
 """Why one that is shorter is no cause there."""
 _UNSEEN = 0.1
 """Part of a sample below which such a lag is not distinguished from the hidden motion of a yielding shaft."""
+HIDDEN_MOTION = "it is a small part of a sample: with a shaft that yields it may stand for its hidden motion"
+"""Why one that is shorter still is no cause there, and what it would take up no structure."""
 _HIDDEN_BY_PLAY = "it is too small to resolve at your sampling rate: it gives way by less than the path between samples"
 """Why a spring next to play is no cause there; play that is none itself hides nothing."""
 _POSITIVE = {
@@ -177,7 +180,8 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
     unknown = True
     while unknown:  # what stays has to have a known size without them, too
         fit = models.reported(final)
-        reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit) for e in models.added(final)}
+        added, refined = models.added(final), selection.refined
+        reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit, refined) for e in added}
         unknown = [e for e, reason in reasons.items() if reason]
         for effect in unknown:
             gain = selection.own_gain.get(effect, 0.0) / selection.base.total
@@ -193,7 +197,8 @@ def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
     if not selection.named:
         return {}
     problem, fit = models.problem, models.reported(selection.final)
-    reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit) for e in selection.named}
+    refined = selection.refined
+    reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit, refined) for e in selection.named}
     if reasons.get("backlash"):
         reasons = {e: "" if reason == _HIDDEN_BY_PLAY else reason for e, reason in reasons.items()}
     if not any(reasons.values()):  # next to an impossible effect, nothing else has its true size
@@ -277,10 +282,13 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     return ""
 
 
-def _interval_rejection(effect: str, fit: Fit) -> str:
+def _interval_rejection(
+    effect: str, fit: Fit, refined: Mapping[tuple[str, str], tuple[float, float, float]] | None = None
+) -> str:
     """Why the size of an effect is not known, or nothing.
 
-    An effect of several numbers that may be zero is known if one of them is, with the 95 % shared among them.
+    An effect of several numbers that may be zero is known if one of them is, with the 95 % shared among them. Of a
+    number that is known better than by the fit, in ``refined``, the interval that is reported decides.
     """
     spread, known = covariance(fit), False
     own = [(i, slot) for i, slot in fit.parameters.items() if slot.effect == effect and not slot.parameter.form]
@@ -292,6 +300,8 @@ def _interval_rejection(effect: str, fit: Fit) -> str:
             known |= not low <= null <= high
         elif i == fit.parameters.own(effect)[0]:
             low, high = interval(fit, i, spread)
+            if better := (refined or {}).get(slot.key):
+                low, high = np.log(np.maximum(better[1:], 1e-300))
             if high - low > np.log(_KNOWN_WITHIN):
                 return "its size is not known within a factor of five"
     return "its 95 % interval contains zero" if linear and not known else ""
@@ -307,7 +317,7 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     if problem.misfit and effect in _CORNERS and value < ranges.dt:
         return _SHORT
     if effect in _CORNERS and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
-        return "it is a small part of a sample: with a shaft that yields it may stand for its hidden motion"
+        return HIDDEN_MOTION
     if (
         effect == "series_compliance"
         and "backlash" in fit.effects

@@ -18,6 +18,8 @@ from mrwarp.identify.dataset import Dataset, Motion, of_commonest_rate
 from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import LINEAR, LINEAR_PART
 
+LAG = "lag"
+"""Form of the functions that are the torque behind lags."""
 _FINE = 14
 """Highest number of periods over the range of the angle that the fine structure resolves."""
 _CHANCE = 1e-5
@@ -132,7 +134,7 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> lis
         (("current", "memory"), "loop", [h * current_powers[k] for k in (2, 3, 4)]),
         (("memory",), "loop shape", [h * np.abs(h), h**2, h**3, hi * np.abs(h), hi * h, hi * h * h]),
         (("memory",), "creep", creep),
-        (("memory",), "lag", [tau - _low_pass(tau, m, w) for w in (0.005, 0.015)]),
+        (("memory",), LAG, [tau - _low_pass(tau, m, w) for w in (0.005, 0.015)]),
         (("q", "qd"), "product", [q_powers[k] * f for k in (1, 2, 3) for f in (v, a, v * a)]),
         (("q", "current"), "product", q_current),
         (("qd", "current"), "product", [f * g for f in (v, a, v * a, sign) for g in (current, current**2)]),

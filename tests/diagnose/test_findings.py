@@ -5,9 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.findings import outer_model
+from mrwarp.diagnose.findings import outer_model, unexplained_of
 from mrwarp.diagnose.held_out import Predictor
 from mrwarp.diagnose.problem import fit_model
+from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection
+from mrwarp.diagnose.residual_structure import LAG, leftovers
+from mrwarp.diagnose.search import Selection
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.parameters import factor_of
@@ -113,3 +116,15 @@ def test_predictor_speaks_the_recordings_units() -> None:
         np.testing.assert_array_equal(tau[0], tau[1])
         found.append(tau[0] / size)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize("reason", ["its 95 % interval contains zero", HIDDEN_MOTION])
+def test_the_hidden_motion_of_a_shaft_is_no_structure(reason: str) -> None:
+    """A lag that may stand for a shaft's motion between samples, and structure that this lag would take up, are one."""
+    problem = known.problem({"torque_sensor_lag": {"time_constant": 0.002}}, at=known.motion(5, runs=6, seconds=2.0))
+    base = known.fitted(problem)
+    left = [f for f in leftovers(problem, base) if f.group.form == LAG]
+    selection = Selection(base=base, final=base, screened=[], fits={}, leftovers=left)
+    lag = Rejection(effect="torque_sensor_lag", reason=reason, gain=0.1, fit=base)
+    assert unexplained_of(selection, None) is not None
+    assert (unexplained_of(selection, None, (lag,)) is None) == (reason == HIDDEN_MOTION)
