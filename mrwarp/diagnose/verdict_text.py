@@ -30,6 +30,8 @@ _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
 }
 """Unit: from which size on, what factor gives what readable unit."""
 
+_THOUSAND = 1e3
+"""Numbers from this on are written out, without a power of ten."""
 _TIMES = 1e3
 """Ratio of two times from which they are no one quantity: lags are milliseconds, what warms up takes minutes."""
 _FEW_ALONG = 2
@@ -77,10 +79,15 @@ def digits(value: float, half: float | None = None) -> str:
     return f"{value:.{places}f}" if places >= 0 else f"{round(value, places):.0f}"
 
 
-def measured(value: float, unit: str) -> str:
-    """A number with its readable unit."""
-    factor, name = scale(value, unit)
-    return f"{value * factor:.3g} {name}".strip() if math.isfinite(value) else "unknown"
+def measured(value: float, unit: str, *, scaled: bool = True) -> str:
+    """A number with its readable unit, or with its own."""
+    factor, name = scale(value, unit) if scaled else (1.0, unit)
+    size = abs(value * factor)
+    return (
+        f"{value * factor:{'.0f' if size >= _THOUSAND else '.3g'}} {name}".strip()
+        if math.isfinite(value)
+        else "unknown"
+    )
 
 
 def measured_alike(values: Iterable[float], unit: str) -> list[str]:

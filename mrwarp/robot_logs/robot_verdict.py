@@ -157,12 +157,22 @@ def sentence_of(causes: tuple[NamedCause, ...], unexplained: Unexplained | None 
     return "; ".join(found) + "." if found else "Nothing is wrong with the simulation that this log could show."
 
 
+_SMALL = {"s": "ms", "rad": "mrad", "m": "mm"}
+"""Units in which a verdict, its page and its pictures give small quantities of a robot: thousandths, always."""
+
+
+def in_page_unit(value: float, unit: str) -> tuple[float, str]:
+    """A number with the one unit that its quantity has wherever people read of a robot."""
+    return (1e3 * value, _SMALL[unit]) if unit in _SMALL else (value, unit)
+
+
 def cause_text(cause: NamedCause) -> str:
     """A cause with place and size, such as "RL_calf_joint: Coulomb friction +0.61 N·m"."""
     name, value = next(iter(cause.parameters.items()))
     place = "" if cause.where == "robot" else f"{cause.where}: "
     words = cause.name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck friction")
-    unit = "" if value.unit == "1" else f" {value.unit}"
+    size, unit = in_page_unit(value.value, value.unit)
+    unit = "" if unit == "1" else f" {unit}"
     if cause.name == "coil_dead":
         share = max(100.0 * value.value, 0.0)
         text = f"{place}coil {'dead' if share < 10.0 else 'weak'}, {share:.0f} % of its current"
@@ -175,5 +185,5 @@ def cause_text(cause: NamedCause) -> str:
     elif "factor" in cause.parameters:
         text = f"{place}{words} {cause.parameters['factor'].value:.2f} times the description's"
     else:
-        text = f"{place}{words} {value.value:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")
+        text = f"{place}{words} {size:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")
     return text + (f" (or {', '.join(cause.alternatives)})" if cause.alternatives else "")

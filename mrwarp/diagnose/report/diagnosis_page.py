@@ -12,6 +12,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.report.first_screen import answers_of, heading
 from mrwarp.diagnose.report.overview_pictures import draw
 from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Suspect, Tried, Value
 from mrwarp.diagnose.verdict_text import capital
@@ -79,24 +80,25 @@ def _truly(content: Any, units: Mapping[str, str]) -> Any:
 
 def _content(d: Diagnosis) -> dict[str, Any]:
     """Everything that the template shows, as plain text."""
-    causes = text.largest_of(v for c in d.causes for v in c.parameters.values())
-    suspects = text.largest_of(_first(x) for x in d.suspects if x.parameters)
-    sizes = text.largest_of(d.detectable.values())
+    largest = _largest(d)
+    source = d.recording.source.name if d.recording.source else "recording"
     return {
         "verdict": d.verdict,
+        "heading": heading(source),
+        "answers": answers_of(d, largest),
         "sentence": d.sentence.removeprefix(" ".join(text.fault_sentences(d))).strip(),
         "faults": text.fault_sentences(d),
-        "source": d.recording.source.name if d.recording.source else "recording",
+        "source": source,
         "extended": d.model is not None and bool(d.causes),
         "facts": _facts(d),
-        "causes": [_cause(c, causes) for c in d.causes],
-        "suspects": [_suspect(x, suspects) for x in d.suspects],
+        "causes": [_cause(c, largest) for c in d.causes],
+        "suspects": [_suspect(x, largest) for x in d.suspects],
         "separates": d.next_experiment is not None and bool(d.next_experiment.separates),
         "unexplained": d.unexplained,
         "experiment": _experiment(d.next_experiment) if d.next_experiment else None,
         "gain": _gain(d),
-        "shifts": [_shift(s) for s in d.parameter_shift],
-        "detectable": [_detectable(name, v, sizes) for name, v in d.detectable.items()],
+        "shifts": [_shift(s, largest) for s in d.parameter_shift],
+        "detectable": [_detectable(name, v, largest) for name, v in d.detectable.items()],
         "invisible": _invisible(d),
         "cannot_know": d.cannot_know,
         "tried": [(capital(text.title(t.name)), _taken(t), t.outcome) for t in sorted(d.tried, key=lambda t: -t.gain)],
@@ -107,15 +109,26 @@ def _content(d: Diagnosis) -> dict[str, Any]:
     }
 
 
+def _largest(d: Diagnosis) -> dict[str, float]:
+    """Sizes that choose the page's units, one for each quantity; torques are in the unit of the pictures' axes."""
+    numbers = [v for c in d.causes for v in c.parameters.values()]
+    numbers += [_first(x) for x in d.suspects if x.parameters]
+    return text.largest_of([*numbers, *d.parameter_shift, *d.detectable.values()]) | {d.recording.units["torque"]: 1.0}
+
+
+def _torque(value: float, d: Diagnosis) -> str:
+    """A torque in the unit of the pictures."""
+    return text.measured(value, d.baseline.unit, scaled=False)
+
+
 def _taken(t: Tried) -> str:
     """Share that an effect takes away; at size zero it is the baseline, so less than nothing is nothing."""
     return "nothing" if t.gain < 5e-4 else f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}"
 
 
 def _facts(d: Diagnosis) -> list[tuple[str, str]]:
-    """The three or four numbers at the top."""
-    unit = d.baseline.unit
-    before, after = text.measured_alike((d.baseline.rmse, d.extended.rmse), unit)
+    """Three or four numbers: errors and what cannot be reached."""
+    before, after = (_torque(x, d) for x in (d.baseline.rmse, d.extended.rmse))
     facts = [(text.percent(d.baseline.nrmse), f"error of the baseline, {before} RMS")]
     if d.gain:
         low, high = (text.percent(x) for x in d.gain.ci95)
@@ -126,7 +139,7 @@ def _facts(d: Diagnosis) -> list[tuple[str, str]]:
         least = d.baseline.nrmse * d.account.least**0.5
         facts.append((text.percent(least), "does not repeat from run to run: no model gets below that"))
     elif d.traces:
-        facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
+        facts.append((_torque(d.traces.noise_rms, d), "noise RMS: less cannot be reached"))
     return facts
 
 
@@ -140,7 +153,7 @@ def _cause(c: Cause, largest: Mapping[str, float]) -> dict[str, Any]:
         "sentence": law.sentence if law else "",
         "equation": law.equation if law else "",
         "parameters": (shown := [_parameter(name, v, specs.get(name), largest) for name, v in c.parameters.items()]),
-        "numbers": text.both(f"{label} {value} ({interval})" for label, value, interval, _ in shown[:_NUMBERS]),
+        "numbers": text.both(f"{label} {value} ({interval})" for label, value, interval in shown[:_NUMBERS]),
         "gain": text.percent(c.gain),
         "chance": text.chance(c.p_value),
         "alternatives": text.either(c.alternatives),
@@ -152,10 +165,10 @@ def _cause(c: Cause, largest: Mapping[str, float]) -> dict[str, Any]:
 def _parameter(name: str, value: Value, spec: EffectParameter | None, largest: Mapping[str, float]) -> tuple[str, ...]:
     label = name.replace("_", " ")
     if spec is not None and spec.choices:
-        return label, f"{value.value:g}", "", "how the data were logged; no part of the device"
+        return label, f"{value.value:g}", "how the data were logged; no part of the device"
     shown = text.readable(value, spec, largest)
     interval = shown.interval or ("set, not fitted" if spec is not None and spec.preset else "none")
-    return label, shown.value, interval, shown.si
+    return label, shown.value, interval
 
 
 def _first(s: Suspect) -> Value:
@@ -170,9 +183,9 @@ def _suspect(s: Suspect, largest: Mapping[str, float]) -> tuple[str, ...]:
     return capital(text.title(s.name)), *((shown[0].value, shown[0].interval) if shown else ("", "")), s.reason
 
 
-def _shift(s: Shift) -> tuple[str, ...]:
+def _shift(s: Shift, largest: Mapping[str, float]) -> tuple[str, ...]:
     law = CATALOGUE.get(s.name)
-    shown = text.readable(s, law.parameters[0] if law else None)
+    shown = text.readable(s, law.parameters[0] if law else None, largest)
     remedy = law.remedy if law else ""
     return capital(text.title(s.name)), shown.value, shown.interval, text.either(s.alternatives) or "-", remedy
 
@@ -191,7 +204,7 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
     if g is None or not d.causes:
         return None
     low, high = g.ci95
-    count, sizes = len(g.held_out), iter(text.measured_alike(sum(g.per_regime.values(), ()), d.baseline.unit))
+    count = len(g.held_out)
     change = f"falls by {text.percent(g.rmse_reduction)}"
     if g.rmse_reduction <= 0.0:
         change = f"rises by {text.percent(-g.rmse_reduction)}"
@@ -199,7 +212,8 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
         "text": f"On {count} whole trajectories, each predicted by a model that was fitted without it, the RMS error "
         f"{change} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
         "regimes": [
-            (name, next(sizes), next(sizes), _change(before, after)) for name, (before, after) in g.per_regime.items()
+            (name, _torque(before, d), _torque(after, d), _change(before, after))
+            for name, (before, after) in g.per_regime.items()
         ],
     }
 
@@ -217,11 +231,10 @@ def _detectable(name: str, value: Value, largest: Mapping[str, float]) -> tuple[
     spec = law.parameters[0] if law else None
     if text.is_gain(spec) and value.unit == "1":
         size = abs(value.value - 1.0) if value.value > 0.5 else abs(value.value)  # as a factor, or as its change
-        return capital(text.title(name)), text.percent(size, 2), f"{value.value:.4g}"
+        return capital(text.title(name)), text.percent(size, 2)
     factor, unit = text.shared_scale(value.value, value.unit, largest)
     size = f"{value.value * factor:.2g} {unit}".strip()
-    plain = "" if factor == 1.0 else f"{value.value:.3g} {value.unit}"
-    return capital(text.title(name)), size, plain
+    return capital(text.title(name)), size
 
 
 def _data(d: Diagnosis) -> list[tuple[str, str]]:

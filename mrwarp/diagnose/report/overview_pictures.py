@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.patches import Patch
 
 from mrwarp.diagnose.report.trace_pictures import (
@@ -29,8 +30,23 @@ from mrwarp.diagnose.verdict_text import axis_label, both, capital, percent, sho
 from mrwarp.recording.data import true_names
 from mrwarp.runtime import drawing
 
-NAMES = ("loops", "accounting", "evidence", "gain", "worst", "variables", "spectrum", "tried", "data")
-"""All pictures, in the order of the report."""
+TITLES = {
+    "loops": "Torque loops, measured and simulated, where the baseline is worst",
+    "accounting": "Where the baseline's mismatch goes",
+    "evidence": "Mean mismatch along what the verdict is about",
+    "gain": "Error of each trajectory and regime",
+    "worst": "The two seconds with the largest mismatch",
+    "variables": "Mean mismatch along each measured variable",
+    "spectrum": "Mismatch by frequency, compared with white noise",
+    "tried": "Mismatch that each effect alone takes away",
+    "data": "The recording: ten seconds of it, and its loops",
+}
+"""All pictures, in the order of the report, each with its title: what is to be seen in it."""
+
+NAMES = tuple(TITLES)
+
+_TITLE_SIZE = 13.0
+"""Size of a picture's title [pt]."""
 
 _NAMED = 28
 """Most trajectories that are written by name."""
@@ -54,8 +70,18 @@ def draw(diagnosis: Diagnosis) -> tuple[dict[str, bytes], list[str]]:
             with drawing(f"the picture {name!r}", notes.append):
                 figure = make(diagnosis)
                 if figure is not None:
+                    titled(figure, TITLES[name])
                     found[name] = _png(figure)
     return {name: found[name] for name in NAMES if name in found}, notes
+
+
+def titled(figure: Figure, text: str) -> None:
+    """Put a title above everything in a figure; a legend outside of its axes carries it, for both would overlap."""
+    if figure.legends:
+        figure.legends[0].set_title(text, prop=FontProperties(weight="bold", size=_TITLE_SIZE))
+        figure.legends[0].set_alignment("left")
+    else:
+        figure.suptitle(text, x=0.01, ha="left", weight="bold", fontsize=_TITLE_SIZE)
 
 
 def accounting_picture(d: Diagnosis) -> Figure:

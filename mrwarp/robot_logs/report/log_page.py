@@ -9,14 +9,15 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.report.first_screen import MOST_SHOWN, NOTHING, heading, screen
 from mrwarp.diagnose.result import Value
 from mrwarp.robot_logs.report.compared_replays import UNITS
 from mrwarp.robot_logs.report.walk_change import HEAD, WalkChange
-from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text
+from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, in_page_unit
 from mrwarp.run_dir import versions
 
 MOST_SAID = 3
-"""Most causes of the page's first sentence."""
+"""Most causes whose numbers stand next to the verdict."""
 
 
 def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walked: WalkChange | None = None) -> str:
@@ -26,7 +27,8 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walke
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     page = environment.get_template("log_page.html.jinja").render(
-        source=d.log.path.name, sentence=_sentence(d), causes=[_cause(c) for c in d.causes], facts=_facts(d),
+        source=d.log.path.name, heading=heading(d.log.path.name), answers=_answers(d),
+        sentence=d.sentence, causes=[_cause(c) for c in d.causes], facts=_facts(d),
         suspects=[(s.name.replace("_", " "), s.reason) for s in d.suspects], unexplained=d.unexplained,
         gain=_gain(d), joints=_joints(d), channels=_channels(d), experiment=d.next_experiment,
         cannot_know=[_parted(x) for x in d.cannot_know], session=_session(d),
@@ -38,25 +40,48 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walke
     return page.encode("utf-8", "replace").decode("utf-8")
 
 
-def _sentence(d: RobotDiagnosis) -> str:
-    """The verdict in a sentence that fits the first screen: the clearest causes, and how many more there are."""
-    if len(d.causes) <= MOST_SAID:
-        return d.sentence
-    return "; ".join(cause_text(c) for c in d.causes[:MOST_SAID]) + f"; and {len(d.causes) - MOST_SAID} more, below."
+def _answers(d: RobotDiagnosis) -> list[tuple[str, str]]:
+    """What is missing, how big, how sure and what to do: the page's first screen."""
+    if d.verdict is None:
+        missing, size, sure, todo = ["unknown: this log cannot carry a verdict"], ["unknown"], ["not at all"], []
+    else:
+        many = len(d.causes) - MOST_SHOWN
+        missing = [cause_text(c) for c in d.causes[:MOST_SHOWN]] + ([f"{many} more, below"] if many > 0 else [])
+        missing += ["something outside the catalogue, see below"] if d.unexplained else []
+        first = [next(iter(c.parameters.values())) for c in d.causes[:1]]
+        size = [_number(v.value, v.unit) for v in first] or ["nothing beyond what healthy robots differ by"]
+        sure, todo = [f"95 %: {_interval(v)}" for v in first], []
+        if d.causes:
+            size.append(f"error {text.percent(-d.gain['rmse_reduction'], 0).replace('-', '−')}")
+            sure.append("by pieces of the log that took no part")
+            todo.append("take robot.usda: it has the causes")
+    sure += [f"suspected, not proven: {text.both(s.name.replace('_', ' ') for s in d.suspects[:MOST_SHOWN])}"][
+        : len(d.suspects)
+    ]
+    todo += ["record the motion below"] if d.next_experiment else []
+    return screen(
+        {
+            "What is missing": missing or [NOTHING],
+            "How big": size,
+            "How sure": sure or ["smaller ones than those listed may be there"],
+            "What to do": todo or ["nothing"],
+        }
+    )
 
 
 def _number(value: float, unit: str) -> str:
-    shown = f"{value:.4g}".replace("-", "−")
+    size, unit = in_page_unit(value, unit)
+    shown = f"{size:.4g}".replace("-", "−")
     return shown if unit in ("1", "") else f"{shown} {unit}"
 
 
 def _interval(v: Value) -> str:
     low, high = v.ci95
-    return f"{_number(low, '1')} to {_number(high, v.unit)}"
+    return f"{_number(low, v.unit).split()[0]} to {_number(high, v.unit)}"
 
 
 def _facts(d: RobotDiagnosis) -> list[tuple[str, str]]:
-    """The numbers at the top: size and interval of each cause, what it gains on parts that took no part."""
+    """Size and interval of each cause, what it gains on parts that took no part."""
     facts = []
     for c in d.causes[:MOST_SAID]:
         name, v = next(iter(c.parameters.items()))
@@ -99,7 +124,7 @@ def _joints(d: RobotDiagnosis) -> list[tuple[str, ...]]:
 
 def _channels(d: RobotDiagnosis) -> list[tuple[str, ...]]:
     return [
-        (name, *(f"{x:.4g} {UNITS.get(name, '')}" for x in e.values()), _change(e["baseline"], e["extended"]))
+        (name, *(_number(x, UNITS.get(name, "")) for x in e.values()), _change(e["baseline"], e["extended"]))
         for name, e in d.per_channel.items()
     ]
 

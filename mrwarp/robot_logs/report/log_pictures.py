@@ -7,7 +7,7 @@ import io
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.robot_logs.report.compared_replays import UNITS, Compared, joint_windows
+from mrwarp.robot_logs.report.compared_replays import Compared, joint_windows
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.runtime import drawing
 
@@ -18,8 +18,14 @@ CELLS, MOST_NAMES = 240, 6
 """Most columns of the map over time, and most recordings whose names find room over it."""
 
 
-NAMES = ("where", "errors", "trace")
-"""All pictures."""
+TITLES = {
+    "where": "Where and when simulation and log disagree",
+    "errors": "Error by joint and by channel",
+    "trace": "Where the named joint errs most: log and simulations",
+}
+"""All pictures, each with its title: what is to be seen in it."""
+
+NAMES = tuple(TITLES)
 
 
 def draw(d: RobotDiagnosis, compared: list[Compared]) -> tuple[dict[str, bytes], list[str]]:
@@ -76,7 +82,7 @@ def _where(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     right.set(xlabel="RMS [mrad]")
     for axis in (left, right):
         axis.spines[["top", "right"]].set_visible(False)
-    return _png(figure)
+    return _png(figure, TITLES["where"])
 
 
 def _errors(d: RobotDiagnosis) -> bytes:
@@ -96,11 +102,11 @@ def _errors(d: RobotDiagnosis) -> bytes:
     right.barh(np.arange(len(names)), share, 0.6, color=AFTER)
     right.axvline(100.0, color=BEFORE, linewidth=1.5)
     right.set(xlabel="error with the causes, % of before", yticks=np.arange(len(names)))
-    right.set_yticklabels([f"{name} [{UNITS.get(name, '')}]" for name in names], fontsize=8)
+    right.set_yticklabels(names, fontsize=8)
     right.invert_yaxis()
     for axis in (left, right):
         axis.spines[["top", "right"]].set_visible(False)
-    return _png(figure)
+    return _png(figure, TITLES["errors"])
 
 
 def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
@@ -114,22 +120,23 @@ def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     for k, w in enumerate(near):
         t = c.time[w]
         label = [None, None, None] if k else ["log", "description", "extended"]
-        top.plot(t, c.windows.measured["q"][w, :, joint], color=MEASURED, linewidth=2.0, label=label[0])
-        top.plot(t, c.before["q"][w, :, joint], color=BEFORE, linewidth=1.2, label=label[1])
-        top.plot(t, c.after["q"][w, :, joint], color=AFTER, linewidth=1.2, label=label[2])
+        top.plot(t, 1e3 * c.windows.measured["q"][w, :, joint], color=MEASURED, linewidth=2.0, label=label[0])
+        top.plot(t, 1e3 * c.before["q"][w, :, joint], color=BEFORE, linewidth=1.2, label=label[1])
+        top.plot(t, 1e3 * c.after["q"][w, :, joint], color=AFTER, linewidth=1.2, label=label[2])
         bottom.plot(t, 1e3 * c.left(False)["q"][w, :, joint], color=BEFORE, linewidth=1.2)
         bottom.plot(t, 1e3 * c.left(True)["q"][w, :, joint], color=AFTER, linewidth=1.2)
-    top.set(ylabel="angle [rad]")
-    top.set_title(f"{d.model.joints[joint]}: where it errs most; each window begins from the logged state", fontsize=9)
+    top.set(ylabel="angle [mrad]")
+    top.set_title(f"{d.model.joints[joint]}; each window begins from the logged state", fontsize=9)
     bottom.set(xlabel="time, recordings end to end [s]", ylabel="mismatch [mrad]")
     bottom.axhline(0.0, color="#a3abb5", linewidth=0.8)
     top.legend(frameon=False, fontsize=8, ncols=3)
     for axis in (top, bottom):
         axis.spines[["top", "right"]].set_visible(False)
-    return _png(figure)
+    return _png(figure, TITLES["trace"])
 
 
-def _png(figure: Figure) -> bytes:
+def _png(figure: Figure, title: str) -> bytes:
+    figure.suptitle(title, x=0.01, ha="left", weight="bold", fontsize=11)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
     return stream.getvalue()
