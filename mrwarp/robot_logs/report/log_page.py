@@ -41,7 +41,7 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walke
 
 
 def _answers(d: RobotDiagnosis) -> list[tuple[str, str]]:
-    """What is missing, how big, how sure and what to do: the page's first screen."""
+    """Missing causes, their sizes, how sure they are and what to do: the page's first screen."""
     if d.verdict is None:
         missing, size, sure, todo = ["unknown: this log cannot carry a verdict"], ["unknown"], ["not at all"], []
     else:

@@ -1,4 +1,4 @@
-"""The first screen answers four questions in sixty words, whatever was found; one unit for each quantity."""
+"""The first screen answers four questions in sixty words for any verdict; one unit for each quantity."""
 
 import dataclasses
 import html
