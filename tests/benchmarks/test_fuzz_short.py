@@ -15,29 +15,27 @@ from benchmarks.fuzz.kinds import KINDS
 from benchmarks.fuzz.runner import isolated, run
 from mrwarp.run_dir import one_line
 
-CASES = {100: ("csv", "model", "dump"), 30: ("parquet", "safetensors", "checkpoint"), 8: ("usd", "usd-attr", "onnx")}
 
-
-@pytest.mark.parametrize("times", [1, pytest.param(5, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("few", CASES)
-def test_mutated_files_are_read_or_refused(few: int, times: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("cases", [30, pytest.param(120, marks=pytest.mark.slow)])
+def test_mutated_files_are_read_or_refused(cases: int, tmp_path: Path) -> None:
     """No exception but the reader's own, no hang, nothing left behind; every refusal names the file and a remedy."""
     # the command itself: a batch is forked, and must not inherit the threads and locks of all tests before this one
-    cases = times * few
-    line = [sys.executable, "-m", "benchmarks.fuzz", "--kind", *CASES[few], "--cases", str(cases), "--seed", "1"]
+    line = [sys.executable, "-m", "benchmarks.fuzz", "--kind", *KINDS, "--cases", str(cases), "--seed", "1"]
     line += ["--seconds", "100", "--out", str(tmp_path)]
-    done = subprocess.run(line, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(line, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode in (0, 1), done.stderr
-    for kind in CASES[few]:
+    outcomes = 0
+    for kind in KINDS:
         state = json.loads((tmp_path / f"{kind}-1.json").read_text())
         assert state["failures"] == 0, [path.read_text() for path in (tmp_path / "failures").glob("*.txt")][:3]
         assert state["cases"] == cases == sum(state["counts"].values())
-        assert len(state["counts"]) >= 2
+        outcomes += len(state["counts"])
+    assert outcomes > 2 * len(KINDS)
 
 
 def test_command_lines_are_refused(tmp_path: Path) -> None:
-    """150 random command lines that cannot be right: exit code 2 and a reason, or help."""
-    state = run("cli", 150, seed=1, out=tmp_path, seconds=100.0)
+    """60 random command lines that cannot be right: exit code 2 and a reason, or help."""
+    state = run("cli", 60, seed=1, out=tmp_path, seconds=100.0)
     assert state["failures"] == 0, [path.read_text() for path in (tmp_path / "failures").glob("*.txt")][:3]
 
 

@@ -45,6 +45,12 @@ def computed(monkeypatch: pytest.MonkeyPatch):
     return state
 
 
+@pytest.fixture
+def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw one picture instead of nine."""
+    monkeypatch.setattr(overview_pictures, "draw", lambda d: ({"loops": b"drawn"}, []))
+
+
 def test_everything_is_written(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
     """Result, report, model and pictures; the verdict is printed; the command is what was typed."""
     out = tmp_path / "out"
@@ -183,21 +189,22 @@ def test_what_was_found_is_written_before_anything_is_drawn(
         assert load_model(out / "model.json").effects and not (out / "report.html").exists()
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setitem(overview_pictures.MAKERS, "loops", fails)
+    monkeypatch.setattr(overview_pictures, "MAKERS", {"loops": fails})
     assert main(["diagnose", str(data), "--out", str(out)]) == 0
     [note] = [x for x in json.loads((out / "result.json").read_text())["notes"] if "'loops'" in x]
     assert note in (out / "report.html").read_text().replace("&#39;", "'") and note in capsys.readouterr().out
-    assert len(list((out / "pictures").iterdir())) == 8
+    assert len(list((out / "pictures").iterdir())) == 4
 
     def stopped(d):
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(overview_pictures.MAKERS, "loops", stopped)
+    monkeypatch.setattr(overview_pictures, "MAKERS", {"loops": stopped})
     assert main(["diagnose", str(data), "--out", str(out)]) == 130
     assert {p.name for p in out.rglob("*.*")} == {"result.json", "model.json"}
     assert "only result.json and model.json" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_recordings_that_took_no_part(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
     """``--predict`` gives both models' errors there; other units are refused."""
 
@@ -230,6 +237,7 @@ def test_options_out_of_range(argv: list[str], data: Path, tmp_path: Path, capsy
     assert "allowed" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_learning_tells_how_much_less_is_left(
     data: Path, tmp_path: Path, computed, monkeypatch: pytest.MonkeyPatch
 ) -> None:

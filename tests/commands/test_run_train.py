@@ -22,6 +22,7 @@ from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.ranks import Ranks
+from mrwarp.trials.walking import GateCheck, WalkingGate
 from mrwarp.usd.open_stage import ASSETS
 from paper.study.plan import POWER_PRICE
 
@@ -96,6 +97,7 @@ def test_defaults() -> None:
     options = parse(Train, [], "mrwarp train")
     assert (options.device, options.num_envs, options.seed, options.actuator) == ("cpu", 64, 0, "bouc_wen")
     assert (options.robot, options.payload, options.coupling.value, options.sal) == ("mr_go", 0, "constraint", "on")
+    assert (WalkingGate().num_envs, WalkingGate().seconds) == (64, 20.0)
     assert LearningCfg(desired_kl=options.desired_kl, entropy=options.entropy) == LearningCfg()
 
 
@@ -108,14 +110,17 @@ def start(*args: str) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
-def test_short_training_from_end_to_end(tmp_path: Path) -> None:
-    """Two updates with 8 environments: exit code 0, quiet, and the four files that a run leaves."""
+def test_short_training_from_end_to_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two updates with 8 environments and a short gate: exit code 0, quiet, and the files that a run leaves."""
+    gate = WalkingGate(num_envs=4, warmup=0.0, seconds=0.1)
+    monkeypatch.setattr("mrwarp.rl.trainer.GateCheck", lambda cfg: GateCheck(cfg, gate=gate))
     out = tmp_path / "run"
     args = ["--device", "cpu", "--num-envs", "8", "--iterations", "2", "--no-gate", "--out", str(out)]
     args += ["--randomize", "ground", "--power-price", "0.01"]
-    process = start(*args)
-    stdout, stderr = process.communicate(timeout=300)
-    assert process.returncode == 0, stderr
+    assert main(["train", *args], prog="train/ppo.py") == 0
+    stdout, stderr = capsys.readouterr()
     assert stderr == ""
     assert "walking gate NOT met" in stdout and str(out) in stdout
     assert "\nupdate     1 " in stdout  # at once, then every five seconds
@@ -129,7 +134,7 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
         "versions", "command",
     }  # fmt: skip
     assert (result["iterations"], result["stopped"], result["gate_passed"]) == (2, "iterations", False)
-    assert result["gate"]["num_envs"] == 64 and result["gate"]["duration"] == 20.0
+    assert result["gate"]["num_envs"] == 4 and result["gate"]["duration"] == pytest.approx(0.1)
     assert result["command"] == "python train/ppo.py " + " ".join(args)
     assert checkpoint.load(out / "checkpoint.pt")["iteration"] == 2
     task = OnnxPolicy(out / "policy.onnx").description["task"]

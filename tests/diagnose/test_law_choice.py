@@ -22,7 +22,7 @@ def foreign() -> tuple[Recording, Diagnosis]:
 def test_a_foreign_device_gets_its_law(foreign: tuple[Recording, Diagnosis]) -> None:
     """Kwok's law is said first, with its errors; nothing hidden, nothing named; the model file carries it."""
     recording, found = foreign
-    assert found.law is not None and found.law.name == "kwok" and not found.causes
+    assert found.law is not None and found.law.name == "kwok" and not found.causes and found.unexplained is None
     before, after = found.law.error
     assert after < (1.0 - MARGIN) * min(before, found.law.rival)
     assert "The hysteresis has another shape: Kwok's law, error" in found.sentence

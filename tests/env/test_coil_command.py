@@ -93,6 +93,7 @@ def test_coil_lag_and_hold_speed_reach_every_device() -> None:
             make_walk_cfg(**wrong)
 
 
+@pytest.mark.usefixtures("short_gate")
 def test_a_policy_without_currents_is_a_start_for_one_with(tmp_path: Path) -> None:
     """It begins with the same joint targets and a third of the current; its export runs, and is refused elsewhere."""
     start = POLICIES / "energy" / "mr_go_sal_seed0.onnx"

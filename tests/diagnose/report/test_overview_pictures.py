@@ -10,7 +10,7 @@ import pytest
 from mrwarp.diagnose.report import mismatch_profile as profiles
 from mrwarp.diagnose.report import overview_pictures as pictures
 from mrwarp.diagnose.report import trace_pictures as traces
-from mrwarp.diagnose.result import Value
+from mrwarp.diagnose.result import Diagnosis, Value
 from mrwarp.diagnose.verdict_text import quantity
 from tests.diagnose import made_up
 
@@ -34,16 +34,26 @@ def test_without_a_verdict_only_the_data_are_shown() -> None:
     assert tuple(pictures.draw(made_up.make(None))[0]) == ("data",)
 
 
-@pytest.mark.parametrize("runs", [1, 40])
-def test_few_and_many_trajectories_whose_names_are_no_formulas(runs: int) -> None:
-    """One, and more than can be written by name; dollars, line breaks and braces are drawn as they are."""
+def made(d: Diagnosis) -> None:
+    """Make all figures but no files, whose layout takes most of the time."""
+    for maker in (pictures.data_picture, pictures.gain_picture, pictures.tried_picture, *pictures.MAKERS.values()):
+        figure = maker(d)
+        assert figure is not None and figure.axes
+
+
+def strangely_named(runs: int) -> Diagnosis:
+    """A diagnosis whose trajectories' names hold dollars, line breaks and braces."""
     d = made_up.make("named", runs=runs, samples=400)
-    runs = tuple(dataclasses.replace(r, id=f"$\\frac{{{k}}}\n<b>") for k, r in enumerate(d.recording.trajectories))
-    per = dict(zip((r.id for r in runs), d.per_trajectory.values(), strict=True))
-    changed = dataclasses.replace(
-        d, recording=dataclasses.replace(d.recording, trajectories=runs), per_trajectory=per, gain=None
-    )
-    assert set(pictures.draw(changed)[0]) == set(pictures.NAMES)
+    own = tuple(dataclasses.replace(r, id=f"$\\frac{{{k}}}\n<b>") for k, r in enumerate(d.recording.trajectories))
+    per = dict(zip((r.id for r in own), d.per_trajectory.values(), strict=True))
+    recording = dataclasses.replace(d.recording, trajectories=own)
+    return dataclasses.replace(d, recording=recording, per_trajectory=per, gain=None)
+
+
+def test_few_and_many_trajectories_whose_names_are_no_formulas() -> None:
+    """One, and more than can be written by name; their names are drawn as they are."""
+    made(strangely_named(1))
+    assert set(pictures.draw(strangely_named(40))[0]) == set(pictures.NAMES)
 
 
 @pytest.mark.parametrize("slower", [[1, 3, 5, 7], [0, 1, 2]])
@@ -53,8 +63,7 @@ def test_runs_of_two_rates_are_drawn(slower: list[int]) -> None:
     runs = [
         dataclasses.replace(r, t=(2.0 if k in slower else 1.0) * r.t) for k, r in enumerate(d.recording.trajectories)
     ]
-    found, notes = pictures.draw(dataclasses.replace(d, recording=dataclasses.replace(d.recording, trajectories=runs)))
-    assert not notes and tuple(found) == pictures.NAMES
+    made(dataclasses.replace(d, recording=dataclasses.replace(d.recording, trajectories=runs)))
 
 
 def test_a_picture_that_fails_costs_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,9 +72,10 @@ def test_a_picture_that_fails_costs_a_note(monkeypatch: pytest.MonkeyPatch) -> N
     def fails(d):
         raise ValueError("cannot convert float NaN to integer")
 
-    monkeypatch.setitem(pictures.MAKERS, "spectrum", fails)
-    found, [note] = pictures.draw(made_up.make("named"))
-    assert set(found) == set(pictures.NAMES) - {"spectrum"}
+    monkeypatch.setattr(pictures, "MAKERS", {"loops": traces.loops_picture, "spectrum": fails, "worst": fails})
+    found, notes = pictures.draw(made_up.make("named"))
+    note = notes[0]
+    assert set(found) == {"loops", "accounting", "gain", "tried", "data"} and len(notes) == 2
     assert "'spectrum'" in note and "cannot convert float NaN" in note
 
     def full(d):
