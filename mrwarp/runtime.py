@@ -14,7 +14,6 @@ import logging
 import math
 import os
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -109,6 +108,7 @@ def quiet_libraries(*, gpu: bool = True, networks: bool = True) -> None:
     import warp as wp
 
     warnings.formatwarning = _one_line_warning
+    warnings.simplefilter("once", DeviceWarning)  # from any place in the code
     wp.config.log_level = wp.LOG_WARNING
     if not gpu and gpu_count() == 0:
         with _silent_stderr():
@@ -195,42 +195,6 @@ def duration(seconds: float) -> str:
     if seconds < 90.0:
         return f"{max(seconds, 1.0):.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
-
-
-class ProgressLine:
-    """One line that says how far the work is; a fifth at a time where the output is no terminal."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream, self._live, self._last = stream, stream.isatty(), (None, -1)
-
-    def __call__(self, text: str, share: float) -> None:
-        """Show that ``share`` of the work is done, at ``text``."""
-        if self._live:
-            print(f"\r\033[K{share:4.0%}  {text}", end="", file=self._stream, flush=True)
-        elif (now := (text, int(share * 5.0))) != self._last:
-            print(f"{share:4.0%}  {text}", file=self._stream, flush=True)
-            self._last = now
-
-    def done(self) -> None:
-        """Clear the line."""
-        if self._live:
-            print("\r\033[K", end="", file=self._stream, flush=True)
-
-
-class Stopwatch:
-    """Prints lines with the seconds since it was made."""
-
-    def __init__(self) -> None:
-        self._started = time.perf_counter()
-
-    @property
-    def seconds(self) -> float:
-        """Time since it was made [s]."""
-        return time.perf_counter() - self._started
-
-    def __call__(self, text: str) -> None:
-        """Print what begins now."""
-        print(f"[{self.seconds:5.1f} s] {text}", flush=True)
 
 
 def panels(

@@ -14,9 +14,10 @@ from benchmarks.perf.perf_cfg import GpuCfg, PerfCfg
 from benchmarks.perf.pictures import breakdown_picture, cost_picture
 from mrwarp.commands.run_benchmarks import Perf
 from mrwarp.options.command_line import CommandLine
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, duration
+from mrwarp.runtime import duration
 
 Run = Callable[[Any, Callable[[str, float], None]], dict[str, Any]]
 """Measures with a policy, and reports the current measurement and the share that is done."""
@@ -30,7 +31,7 @@ def run(options: Perf, line: CommandLine) -> int:
     before = load_ratios(options.compare) if options.compare else {}
     policy = OnnxPolicy(options.policy)
     check_writable(options.out)
-    progress = ProgressLine(sys.stderr)
+    progress = ProgressBar(sys.stderr)
     try:
         figures = measured(policy, progress)
     finally:

@@ -14,8 +14,9 @@ from tyro.conf import UseAppendAction
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, drawing, quiet_libraries
+from mrwarp.runtime import drawing, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.bench.virtual_bench import BenchCfg, BenchData
@@ -98,7 +99,7 @@ class Bench(Options):
         from mrwarp.bench.bench_effects import LOG_DT, SUBSTEPS
         from mrwarp.recording.load import HOLDING_FILE
 
-        started, shown = time.perf_counter(), ProgressLine(sys.stderr)
+        started, shown = time.perf_counter(), ProgressBar(sys.stderr)
 
         def show(share: float, text: str) -> None:
             if self.progress:

@@ -8,8 +8,8 @@ from pathlib import Path
 from mrwarp.commands.run_play import Play
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.resources import DEFAULT_POLICY
-from mrwarp.runtime import Stopwatch
 
 SECONDS = 4.0
 """Time that the robots walk [s]: five instants of two strides each."""
@@ -31,8 +31,10 @@ class Demo(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when both pictures are written."""
-        progress = Stopwatch()
-        progress("four robots walk on brakes, one per coil current; the first time kernels are compiled, half a minute")
+        progress = ProgressBar()
+        progress.note(
+            "four robots walk on brakes, one per coil current; kernels are compiled the first time, half a minute"
+        )
         walk, loop = self.out / "walk.png", self.out / "loop.png"
         words = ("--policy", str(DEFAULT_POLICY), "--png", str(walk), "--seconds", f"{SECONDS:g}")
         play = Play(policy=str(DEFAULT_POLICY), png=walk, seconds=SECONDS)
@@ -43,7 +45,7 @@ class Demo(Options):
         from mrwarp.identify.fit import fit
         from mrwarp.identify.fit_pictures import loops_picture
 
-        progress("a joint on a bench with hidden effects, and eq. 14 identified from what was recorded")
+        progress.note("a joint on a bench with hidden effects, and eq. 14 identified from what was recorded")
         recording = run_bench(BenchCfg(trajectories=RUNS, samples=SAMPLES, evaluation_samples=0)).fit
         fitted = fit(recording)
         loops_picture(recording, fitted, None, loop)

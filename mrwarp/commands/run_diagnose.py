@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.run_dir import check_writable, write_bytes, write_text
-from mrwarp.runtime import Stopwatch, core_count, quiet_libraries, text_table
+from mrwarp.runtime import core_count, quiet_libraries, text_table
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.report.diagnosis_page import Table
@@ -79,7 +80,7 @@ class Diagnose(opt.LogOptions):
         if option := next((name for name, given in own.items() if given), ""):
             raise ValueError(f"{option}: {self.data} is the recording of a joint, no robot's log; leave it out")
 
-        progress = Stopwatch()
+        progress = ProgressBar()
         try:
             given = self._read(progress)
             quiet_libraries(gpu=False, networks=self.learn or self.impact)
@@ -89,9 +90,11 @@ class Diagnose(opt.LogOptions):
             from mrwarp.diagnose.report.printed import lines
 
             written: list[str] = []
-            with Countdown(progress) as log:
+            with progress:
+                log = Countdown(progress)
                 diagnosis = self._diagnose(*given, log, lambda early: self._answered(early, line, written))
                 if not diagnosis.final:
+                    progress.done()
                     return self._said_early(lines(diagnosis, {}), progress.seconds)
                 with _undisturbed():
                     written = self._write(diagnosis, line, {})
@@ -141,7 +144,7 @@ class Diagnose(opt.LogOptions):
         check_output(self.rrd, ".rrd")
         if self.live:
             check_viewer()
-        progress, written = Stopwatch(), list[str]()
+        progress, written = ProgressBar(), list[str]()
         try:
             progress(f"reading {self.data}")
             log = open_log(self.data, skip_bad=self.skip_bad, **self.said)
@@ -153,12 +156,13 @@ class Diagnose(opt.LogOptions):
                 answered=lambda early: self._answered_robot(early, line, written),
             )  # fmt: skip
             if not d.final:
+                progress.done()
                 return self._said_early(lines(d), progress.seconds)
             walked = None
             if self.policy is not None and d.causes:
                 walked = walk_change(d, self.policy, seed=self.seed, progress=progress)
             elif self.policy is not None:
-                progress("no extension: the robot is what it was")
+                progress("note: no extension: the robot is what it was")
             extras = {"walk": vars(walked)} if walked else {}
             with _undisturbed():
                 self._clear(log_pictures.NAMES)
@@ -186,6 +190,7 @@ class Diagnose(opt.LogOptions):
             write_text(self.out / "report.html", page)
             if notes:
                 d.write(self.out, str(line), extras, seed=self.seed, model_name="model.json")
+        progress.done()
         print("\n".join(lines(d)))
         if walked:
             print("\n".join(("", "as described → extended", *text_table(HEAD, walked.rows()))))
@@ -284,7 +289,7 @@ class Diagnose(opt.LogOptions):
         extras: dict[str, Any] = {}
         tables: dict[str, Table] = {}
         if unseen is not None and d.predictor is None:
-            progress("no verdict: nothing is predicted")
+            progress("note: no verdict: nothing is predicted")
         elif unseen is not None and d.predictor is not None:
             errors = predicted_errors(d.predictor, unseen, averaged=self.averaged, log=progress)
             means = summary(errors)
@@ -292,7 +297,7 @@ class Diagnose(opt.LogOptions):
             extras["predicted"] = {**source, "nrmse": errors, "mean": means}
             tables["predicted"] = printed.predicted_table(means)
         if self.learn and (d.traces is None or not (d.causes or (d.account is not None and d.account.open))):
-            progress("no named cause, and nothing that repeats without one: there is nothing to learn")
+            progress("note: no named cause, and nothing that repeats without one: there is nothing to learn")
         elif self.learn and d.traces is not None:
             from mrwarp.identify.learn import left_to_learn
 
@@ -300,7 +305,7 @@ class Diagnose(opt.LogOptions):
             extras["learned"] = left_to_learn(d.recording, *models, progress=progress)
             tables["learned"] = printed.learned_table(extras["learned"], d.baseline.unit)
         if self.impact and (d.model is None or not d.causes):
-            progress("no extension: the robot is what it was")
+            progress("note: no extension: the robot is what it was")
         elif self.impact and d.model is not None:
             from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
             from mrwarp.trials.impact_figures import EFFECT_FIGURES, impact_change

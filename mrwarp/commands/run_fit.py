@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fnmatch
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,8 +12,9 @@ from tyro.conf import arg
 from mrwarp.enums import HYSTERESIS_LAWS, LEARNED
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, Stopwatch, drawing, quiet_libraries
+from mrwarp.runtime import drawing, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.recording.load import Recording
@@ -119,7 +119,7 @@ class Fit(Options):
 
         from mrwarp.recording.load import check_same_units, load_recording
 
-        progress = Stopwatch()
+        progress = ProgressBar()
         progress(f"reading {self.data}")
         recording = self._kept(load_recording(self.data, skip_bad=self.skip_bad))
         recording, turned = _signs_turned(recording)
@@ -167,6 +167,7 @@ class Fit(Options):
         for picture, name in ((loops_picture, "loops.png"), (residual_picture, "residual.png")):
             with drawing(name, progress):
                 picture(recording, result, extended, self.out / name)
+        progress.done()
         print("\n".join(fit_report.lines(result, extended)))
         if holding is None:
             print(f"\n{HOLDING_NOTE}")
@@ -231,7 +232,7 @@ class Learn(Options):
         from mrwarp.model_file import load_model
         from mrwarp.nn import network_file
         from mrwarp.nn.models import LstmState
-        from mrwarp.nn.training import FitCfg, plot_history, print_epoch
+        from mrwarp.nn.training import FitCfg, epochs_shown, plot_history
         from mrwarp.recording.load import load_recording
 
         cfg = FitCfg(**self.chosen("epochs", "windows_per_epoch", "patience", "seed"))
@@ -244,9 +245,11 @@ class Learn(Options):
             refuse_contradictions(evaluation)
             if learn.sampling_interval(evaluation) != learn.sampling_interval(recording):
                 raise ValueError(f"{held_out}: sampled at another rate than {self.data}; resample one of them")
-        learned = learn.learn(
-            recording, kind=self.kind, bouc_wen=bouc_wen, physical=physical, cfg=cfg, report=print_epoch
-        )
+        with ProgressBar() as bar:
+            report = epochs_shown(self.kind, bar)
+            learned = learn.learn(
+                recording, kind=self.kind, bouc_wen=bouc_wen, physical=physical, cfg=cfg, report=report
+            )
         model = replace(learned.model, source=str(self.data))
         figures = {**learned.figures, "bouc_wen": model.bouc_wen, "evaluation": None}
         if evaluation:
@@ -310,7 +313,7 @@ class Monitor(Options):
         from mrwarp.recording.records import records_of
 
         cfg = monitor.MonitorCfg(**self.chosen("baseline", "horizon"))
-        progress = ProgressLine(sys.stdout)
+        progress = ProgressBar()
         try:
             records = monitor.read(records_of(self.data), progress)
             health = monitor.monitor(records, cfg, progress)

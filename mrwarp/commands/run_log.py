@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import ProgressLine, text_table
+from mrwarp.runtime import text_table
 
 if TYPE_CHECKING:
     from mrwarp.robot_logs.virtual.record_log import LogCfg
@@ -146,7 +147,7 @@ class RecordLog(Options):
             print("\n".join(text_table(("effect", "unit", "what it is"), listing(), left=3)))
             return 0
         _check_free(self.out, self.overwrite)
-        shown = ProgressLine(sys.stderr)
+        shown = ProgressBar(sys.stderr)
         try:
             figures = record(self._cfg(), self.out, shown)
             write_result(self.out, figures, seed=self.seed, command=str(line))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,9 +11,10 @@ from mrwarp import paper
 from mrwarp.enums import Coupling, CurrentCommand
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import ProgressLine, drawing
+from mrwarp.runtime import drawing
 
 if TYPE_CHECKING:
     from mrwarp.env.cfg import EnvCfg
@@ -208,7 +208,7 @@ class Walk(EnergyOptions):
         for text in device_notes(cfg.env, self.current):
             print(text, flush=True)
         cfg = replace(cfg, current=min(self.current, most_current(task_devices(cfg.env))))
-        started, progress = time.perf_counter(), ProgressLine(sys.stdout)
+        started, progress = time.perf_counter(), ProgressBar()
         try:
             results = walk(cfg, policies, progress)
             figures = energy_report.walk_figures_of(cfg, results, groups, calibrated=self.calibrate)
@@ -248,7 +248,7 @@ class Walk(EnergyOptions):
         for text in (*device_lines(devices), *limit_note(devices, self.current), own_robot.assumption(by)):
             print(text, flush=True)
         task = replace(self.env_cfg(), robot=file)
-        rows, progress, loads = [], ProgressLine(sys.stdout), self.payload or (0.0,)
+        rows, progress, loads = [], ProgressBar(), self.payload or (0.0,)
         try:
             for k, load in enumerate(loads):
                 rows += own_robot.walk_currents(
@@ -344,7 +344,7 @@ class Mission(EnergyOptions):
         from mrwarp.trials.walking import device_notes, task_devices
         from mrwarp.usd.asset import most_current, not_known
 
-        started, progress = time.perf_counter(), ProgressLine(sys.stdout)
+        started, progress = time.perf_counter(), ProgressBar()
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
         same = self.chosen(*TASK, "window", "current", "feedback", "seed")
         cfg = MissionCfg(
@@ -410,7 +410,7 @@ class Mission(EnergyOptions):
         cfg: MissionCfg,
         policies: dict[str, Policy],
         groups: dict[str, Any],
-        progress: ProgressLine,
+        progress: ProgressBar,
     ) -> int:
         """The mission of MR_Go-SAL with devices that warm up."""
         from mrwarp.energy.model_numbers import described

@@ -76,7 +76,7 @@ def read(
     """Records by name; RecordingError names a bad one."""
     found = {}
     for k, path in enumerate(paths):
-        report(f"reading {path.name}", k / len(paths))
+        report(f"reading: {path.name}", k / len(paths))
         found[path.name] = load_recording(path)
     return found
 
@@ -96,7 +96,7 @@ def monitor(
     reference = fit(replace(runs[0], trajectories=together)).values
     rows = []
     for k, recording in enumerate(runs):
-        report(names[k], k / len(runs))
+        report(f"comparing: {names[k]}", k / len(runs))
         rows.append(_strength(recording, reference))
     table = np.array(rows)
     return judge(names, {"yield": table[:, 0], "viscosity": table[:, 1]}, table[:, 2], cfg)

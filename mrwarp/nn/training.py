@@ -19,7 +19,8 @@ import numpy as np
 import torch
 
 from mrwarp.nn.models import TorqueNet
-from mrwarp.runtime import panels
+from mrwarp.options.progress_bar import ProgressBar
+from mrwarp.runtime import duration, panels
 
 MICRO = 128
 """Windows per forward and backward pass; larger ones fall out of the processor's cache and take 1.6 times as long."""
@@ -224,16 +225,17 @@ def _follow(average: TorqueNet, net: TorqueNet, decay: float) -> None:
         slow.lerp_(fast, 1.0 - decay)
 
 
-def print_epoch(history: History, cfg: FitCfg) -> None:
-    """One line of progress with the time left."""
-    done = history.epoch[-1]
-    left = history.seconds[-1] / done * (cfg.epochs - done)
-    print(
-        f"epoch {done:3d}/{cfg.epochs}  training {history.train_rmse[-1]:.4f}  validation "
-        f"{history.validation_rmse[-1]:.4f} N·m  best at {history.best_epoch}  {history.seconds[-1]:4.0f} s, at most "
-        f"{left / 60:.1f} min left",
-        flush=True,
-    )
+def epochs_shown(kind: str, bar: ProgressBar) -> Callable[[History, FitCfg], None]:
+    """A report of epochs on a progress bar; a training may end before its last epoch."""
+
+    def report(history: History, cfg: FitCfg) -> None:
+        done = history.epoch[-1]
+        left = history.seconds[-1] / done * (cfg.epochs - done)
+        errors = f"training {history.train_rmse[-1]:.3g}, validation {history.validation_rmse[-1]:.3g} N·m"
+        ending = f"{duration(left)} to epoch {cfg.epochs}" if left else ""
+        bar(f"training {kind}", done / cfg.epochs, detail=errors, ending=ending)
+
+    return report
 
 
 def plot_history(history: History, kind: str, path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,15 @@ import torch
 from mrwarp.env import nan_dump
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl.ranks import Ranks
-from mrwarp.runtime import panels
+from mrwarp.runtime import duration, panels
 from mrwarp.trials.walking import WalkingGate
 
 WINDOW = 50
 """Updates over which divergences and progress figures are averaged."""
+
+TYPICAL = (64, 288.0)
+"""Robots, and updates to the walking gate: the mean of seeds 0 to 4 (docs/performance.md). 4096 robots took 107: the
+number falls with the fourth root of the robots."""
 
 MAX_DIVERGED = 0.01
 """Largest share of environments in which a number may go wrong: in one update (one environment always may), and on
@@ -62,14 +66,30 @@ class Progress:
         self.window.extend(content["window"])
 
 
-def update_line(row: dict[str, float], iterations: int) -> str:
-    """Figures of an update in one line; ``iterations`` are the most that the training may take."""
-    left = (iterations - row["iteration"]) * 1e-3 * (row["collect_ms"] + row["learn_ms"])
-    return (
-        f"update {row['iteration']:5.0f}  {row['seconds']:5.0f} s  reward {row['reward']:6.2f}  "
-        f"v_x RMSE {row['v_x_rmse']:.3f} m/s  falls {row['falls_per_hour']:5.0f}/h  "
-        f"clock {row['clock_match']:.0%}  {row['steps_per_second']:6.0f} steps/s  at most {left / 60:.0f} min left"
-    )
+def figures_line(row: Mapping[str, float]) -> str:
+    """Figures of an update for the progress bar."""
+    falls = f"{row['falls_per_hour']:.0f}" if row["falls_per_hour"] < 9999.5 else "over 9999"
+    return f"reward {row['reward']:.2f}, v_x RMSE {row['v_x_rmse']:.3f} m/s, falls {falls}/h"
+
+
+def typical_updates(num_envs: int) -> float:
+    """Updates after which a training on flat ground typically meets the walking gate."""
+    return TYPICAL[1] * (TYPICAL[0] / max(num_envs, 1)) ** 0.25
+
+
+def ending(row: Mapping[str, float], iterations: int, typical: float | None) -> str:
+    """What is known of a training's end: how long it takes to the gate typically, or all updates.
+
+    Args:
+        row: Figures of the last update, with the time that one takes.
+        iterations: The most updates.
+        typical: Updates to the walking gate; None trains all of them.
+    """
+    each = 1e-3 * (row["collect_ms"] + row["learn_ms"])
+    if typical is None:
+        return f"about {duration((iterations - row['iteration']) * each)} left"
+    left = min(typical, iterations) - row["iteration"]
+    return f"typically {duration(left * each)} to the gate" if left > 0.0 else "longer than is typical"
 
 
 def gate_line(measured: dict[str, Any], gate: WalkingGate) -> str:
@@ -132,13 +152,17 @@ class DivergenceError(RuntimeError):
 class Divergences:
     """Episodes of a training's environments that ended because a number went wrong.
 
-    The last states of such environments are written to ``folder``, with what ``run`` says of the training.
+    The last states of such environments are written to ``folder``, with what ``run`` says of the training; ``say``
+    prints a line on each.
 
     Attributes:
         count: Divergences so far, of all processes.
     """
 
-    def __init__(self, env: WalkEnv, ranks: Ranks, folder: Path, run: Mapping[str, Any]) -> None:
+    def __init__(
+        self, env: WalkEnv, ranks: Ranks, folder: Path, run: Mapping[str, Any], say: Callable[[str], None] = print
+    ) -> None:
+        self._say = say
         self.count = 0
         self._env, self._ranks, self._folder, self._run = env, ranks, folder, dict(run)
         self._window: deque[int] = deque(maxlen=WINDOW)
@@ -161,7 +185,7 @@ class Divergences:
             self._dumps += 1
             path = self._folder / f"update{update:06d}{rank}-env{item.env:05d}.safetensors"
             nan_dump.save(item, path, {"update": update, **self._run})
-            print(f"  diverged: {item}; started over, last states in {path}", flush=True)
+            self._say(f"  diverged: {item}; started over, last states in {path}")
         num_envs = self._env.num_envs * self._ranks.world
         at_once, window = count > max(1.0, MAX_DIVERGED * num_envs), sum(self._window) / (WINDOW * num_envs)
         if at_once or window > MAX_DIVERGED:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import signal
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.rl import checkpoint, policy, progress
 from mrwarp.rl.checkpoint import task
 from mrwarp.rl.mirror import NoMirrorError, mirror_of
@@ -117,6 +117,9 @@ class Trainer:
         self.progress = progress.Progress()
         self.gate_check: GateCheck | None = None
         self.watchers: list[Callable[[], None]] = []
+        self.bar: ProgressBar | None = None
+        to_gate = cfg.until_gate and self.env.terrain is None
+        self.typical = progress.typical_updates(self.env.num_envs * ranks.world) if to_gate else None
         self.timed = False
         """Whether an update waits for the device before it learns, so that collecting and learning have their own
         times; else a GPU still collects while the host's clock says that it learns."""
@@ -124,7 +127,7 @@ class Trainer:
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
         run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": task(cfg.env)}
-        self.divergences = Divergences(self.env, ranks, cfg.out / "diverged", run)
+        self.divergences = Divergences(self.env, ranks, cfg.out / "diverged", run, self._say)
         if resume:
             self._load(content, resume)
 
@@ -145,6 +148,7 @@ class Trainer:
             try:
                 if self.ranks.main:
                     writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
+                    self.bar = ProgressBar()
                 return self._run(writer)
             except DivergenceError as error:
                 raise TrainingError(f"{error}; {self._left()}") from error
@@ -156,13 +160,15 @@ class Trainer:
                 raise TrainingError(f"{one_line(error)} (update {self.iteration}); {self._left()}") from error
             finally:
                 signal.signal(signal.SIGINT, previous)
+                if self.bar is not None:
+                    self.bar.done()
                 if writer is not None:
                     with contextlib.suppress(OSError):  # the same full disk again
                         writer.close()
 
     def _run(self, writer: SummaryWriter | None) -> dict[str, Any]:
         started = time.perf_counter() - self.seconds
-        saved, checked, printed = self.seconds, self.seconds, -math.inf
+        saved, checked = self.seconds, self.seconds
         while self.iteration < self.cfg.iterations and not self._asked_to_stop():
             row = self.update()
             self.seconds = time.perf_counter() - started
@@ -171,9 +177,13 @@ class Trainer:
             if writer is not None:
                 for name, value in row.items():
                     writer.add_scalar(f"train/{name}", value, self.iteration)
-            if self.ranks.main and self.seconds - printed >= 5.0:
-                print(progress.update_line(row, self.cfg.iterations), flush=True)
-                printed = self.seconds
+            if self.bar is not None:
+                self.bar(
+                    "learning to walk",
+                    self.iteration / (self.typical or self.cfg.iterations),
+                    detail=progress.figures_line(row),
+                    ending=progress.ending(row, self.cfg.iterations, self.typical),
+                )
             check, save = self.ranks.decided(
                 row["v_x_rmse"] < self.cfg.check_below * self.env.scales.speed
                 and self.seconds - checked >= self.cfg.check_every,
@@ -249,7 +259,7 @@ class Trainer:
             self.divergences.load_state(content)
             self.obs = self.env.last_observations
             if note := checkpoint.set_random_state(mine, torch.device(self.env.device)):
-                print(f"  {path}: {note}", flush=True)
+                self._say(f"  {path}: {note}")
         except (KeyError, TypeError, AttributeError, RuntimeError) as error:
             raise checkpoint.CheckpointError(
                 f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start again"
@@ -327,11 +337,18 @@ class Trainer:
         self.progress.gate_rows.append({"iteration": self.iteration, "seconds": self.seconds, **measured})
         gate = self.gate_check.gate
         writer.add_scalar("gate/v_x_rmse", progress.rmse_at(measured, gate), self.iteration)
-        print(progress.gate_line(measured, gate), flush=True)
+        self._say(progress.gate_line(measured, gate))
+
+    def _say(self, text: str) -> None:
+        """Print a line, above the bar where there is one."""
+        if self.bar is None:
+            print(text, flush=True)
+        else:
+            self.bar.line(text)
 
     def _interrupt(self, *_: Any) -> None:
         if self.ranks.main:
-            print("\nstopping after this update; a second Ctrl-C stops at once", flush=True)
+            self._say("\nstopping after this update; a second Ctrl-C stops at once")
         self._interrupted = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

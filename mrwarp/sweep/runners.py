@@ -22,6 +22,7 @@ from typing import Any, Literal
 
 import warp as wp
 
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.run_dir import write_text
 from mrwarp.sweep.grid import GridError, Trial
 
@@ -233,7 +234,7 @@ def run_trials(trials: Sequence[Trial], out: Path, runner: Runner) -> bool:
         write_status(trial, Status(args=trial.args, wall_seconds=read_status(trial).wall_seconds))
     previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
     mark = out / f"running-{time.time_ns()}"  # a new name: network file systems remember which were not there
-    pool = ThreadPoolExecutor(runner.workers)
+    pool, bar = ThreadPoolExecutor(runner.workers), ProgressBar()
     try:
         mark.touch()
         running = {pool.submit(runner.run, trial, mark): trial for trial in left}
@@ -241,14 +242,16 @@ def run_trials(trials: Sequence[Trial], out: Path, runner: Runner) -> bool:
             future.result()  # an error that is none of a trial's comes out here
             trial, status = running[future], read_status(running[future])
             took = f"{status.wall_seconds:.0f} s, {status.attempts} start{'s' * (status.attempts > 1)}"
-            print(f"[{ended}/{count}] {trial.folder.name}: {status.state} after {took}", flush=True)
+            bar.line(f"[{ended}/{count}] {trial.folder.name}: {status.state} after {took}")
             if status.state == "failed":
-                print("\n    ".join([f"    {status.why}; its last lines:", *status.last_lines]), flush=True)
+                bar.line("\n    ".join([f"    {status.why}; its last lines:", *status.last_lines]))
+            bar("trials of the sweep", ended / count)
         return True
     except KeyboardInterrupt:
         print("\nstopping: trainings save a checkpoint; a second Ctrl-C does not wait", file=sys.stderr, flush=True)
         return False
     finally:
+        bar.done()
         mark.unlink(missing_ok=True)
         try:
             pool.shutdown()

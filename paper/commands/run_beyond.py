@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -11,9 +10,10 @@ from typing import Annotated, Any
 from mrwarp.enums import ARMS
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.resources import POLICIES
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, drawing
+from mrwarp.runtime import drawing
 
 
 def _report(study: ModuleType, found: dict[str, Any], out: Path, picture: str, seed: int, line: CommandLine) -> int:
@@ -76,7 +76,7 @@ class Current(Options):
             raise ValueError("--iterations 0: no policy that commands currents is shipped; leave out --arms learned")
         names = ("arms", "seeds", "num_envs", "iterations", "power_price", "coil_lag", "trials", "distance", "pushes")
         cfg = currents.CurrentsCfg(**self.chosen(*names, "more_prices", "more_seeds", "threads"))
-        groups, progress = read_numbers(None, ()), ProgressLine(sys.stdout)
+        groups, progress = read_numbers(None, ()), ProgressBar()
         try:
             found = currents.run(cfg, self.out, groups["electrical"], groups["thermal"], progress)
         finally:
@@ -112,7 +112,7 @@ class Ageing(Options):
 
         from paper.study import ageing
 
-        cfg, progress = ageing.AgeingCfg(**self.chosen("devices", "days", "follow", "seed")), ProgressLine(sys.stdout)
+        cfg, progress = ageing.AgeingCfg(**self.chosen("devices", "days", "follow", "seed")), ProgressBar()
         try:
             found = ageing.run(cfg, self.out, progress)
         finally:
@@ -152,7 +152,7 @@ class Pushes(Options):
         from paper.study import pushes
 
         names = ("policies", "seeds", "strengths", "currents", "trials", "seconds", "threads")
-        cfg, progress = pushes.PushesCfg(**self.chosen(*names)), ProgressLine(sys.stdout)
+        cfg, progress = pushes.PushesCfg(**self.chosen(*names)), ProgressBar()
         try:
             found = pushes.run(cfg, self.out, progress)
         finally:
@@ -192,7 +192,7 @@ class Limits(Options):
         from paper.study import limits
 
         names = ("policies", "seeds", "train", "trials", "seconds", "threads")
-        cfg, progress = limits.LimitsCfg(**self.chosen(*names)), ProgressLine(sys.stdout)
+        cfg, progress = limits.LimitsCfg(**self.chosen(*names)), ProgressBar()
         try:
             found = limits.run(cfg, self.out, read_numbers(None, ())["electrical"], progress)
         finally:
@@ -231,7 +231,7 @@ class Release(Options):
         from paper.study import limits, release
 
         names = ("policies", "seeds", "trials", "seconds", "threads")
-        cfg, progress = limits.LimitsCfg(**self.chosen(*names)), ProgressLine(sys.stdout)
+        cfg, progress = limits.LimitsCfg(**self.chosen(*names)), ProgressBar()
         try:
             found = release.run(cfg, self.out, read_numbers(None, ())["electrical"], progress)
         finally:

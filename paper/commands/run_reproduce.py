@@ -12,9 +12,10 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.paper import ROBOTS, TITLES
 from mrwarp.run_dir import check_writable, plain, write_result
-from mrwarp.runtime import ProgressLine, duration
+from mrwarp.runtime import duration
 
 if TYPE_CHECKING:
     from paper.reproduce.cache import Runner
@@ -75,7 +76,7 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
         for path in settings.files():
             OnnxPolicy(path)
         wanted = list(dict.fromkeys(name for part in self.part for name in (TITLES if part == "all" else (part,))))
-        progress = ProgressLine(sys.stdout)
+        progress = ProgressBar()
         runner = Runner(catalogue=CATALOGUE, settings=settings, out=self.out, report=progress)
         if left := runner.estimate(wanted):
             parts = ", ".join(f"{name} {duration(seconds)}" for name, seconds in left.items())

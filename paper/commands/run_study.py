@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,9 +11,10 @@ from mrwarp.commands.run_train import Learning
 from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, PUBLIC, RANDOMIZATIONS, TERRAINS, TRAINABLE, Coupling
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.resources import POLICIES
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, drawing
+from mrwarp.runtime import drawing
 
 if TYPE_CHECKING:
     from paper.study.plan import StudyCfg
@@ -165,7 +165,7 @@ class Evaluation(Options):
 
         chosen = self.chosen("seeds", "rollouts", "seed", "threads", "coupling", *self.same)
         cfg = EvaluationCfg(**chosen, **self.fixed, folder=self.policies)
-        progress = ProgressLine(sys.stdout)
+        progress = ProgressBar()
         try:
             lines, figures, met = self._table(cfg, lambda share: progress(line.prog.rpartition(" ")[2], share))
         finally:

@@ -23,8 +23,9 @@ from mrwarp.identify.fit import fit
 from mrwarp.identify.replay import simulate
 from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState
-from mrwarp.nn.training import FitCfg, plot_history, print_epoch
+from mrwarp.nn.training import FitCfg, epochs_shown, plot_history
 from mrwarp.options.json_file import read_json_file
+from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.params import MrParams
 from mrwarp.recording.data import Recording
 from mrwarp.run_dir import write_text
@@ -315,10 +316,9 @@ def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe
         fitted = learn.bench_parameters(fit(data.fit, exact=False, substeps=0, seed=recipe.seed).values)
         torque, made = learn.bouc_wen_torque(data.evaluation, fitted, ZStep.EULER), {"bouc_wen": fitted}
     else:
-        print(f"training {name}", flush=True)
-        learned = learn.learn(
-            data.fit, kind=name, bouc_wen=bouc_wen, z_step=ZStep.EULER, cfg=recipe, report=print_epoch
-        )
+        with ProgressBar() as bar:
+            report = epochs_shown(name, bar)
+            learned = learn.learn(data.fit, kind=name, bouc_wen=bouc_wen, z_step=ZStep.EULER, cfg=recipe, report=report)
         if learned.history.stopped == "interrupted":
             raise KeyboardInterrupt
         torque, made = learn.predict(learned.model, data.evaluation), {"training": learned.figures}
