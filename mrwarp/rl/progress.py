@@ -78,7 +78,7 @@ def typical_updates(num_envs: int) -> float:
 
 
 def ending(row: Mapping[str, float], iterations: int, typical: float | None) -> str:
-    """What is known of a training's end: how long it takes to the gate typically, or all updates.
+    """Estimated end of a training: how long it takes to the gate typically, or all updates.
 
     Args:
         row: Figures of the last update, with the time that one takes.
