@@ -123,8 +123,11 @@ def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_o
         raise RecordingError(f"{recording.source or 'recording'}: {explains_nothing(worst, data, recording.units)}")
 
 
-def forewarning(recording: Recording) -> str:
-    """Gaps of a fit where the plainest laws of a joint leave most of the torque; else, or if unclear, empty."""
+def forewarning(recording: Recording, least: float = UNLIKELY) -> str:
+    """Gaps of a fit where the plainest laws of a joint leave most of the torque; else, or if unclear, empty.
+
+    ``least`` is the part of the torque's variance that they have to leave.
+    """
     runs = recording.trajectories
     q, qd, current, torque = (
         np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "qd", "current", "torque")
@@ -132,7 +135,7 @@ def forewarning(recording: Recording) -> str:
     free, passive = _plain_laws(q, qd, np.concatenate([np.gradient(run.qd, run.dt) for run in runs]), current)
     # a stress that does not yield is a spring about the middle of its run
     left = _left(torque, [*free, np.concatenate([run.q - np.median(run.q) for run in runs])], passive)
-    if left < UNLIKELY or not (reason := followed_instead(Dataset.of(recording), recording.units)):
+    if left < least or not (reason := followed_instead(Dataset.of(recording), recording.units)):
         return ""
     return f"plain friction, inertia and stiffness leave {100.0 * left:.0f} % of the torque's variance: {reason}"
 
@@ -211,6 +214,8 @@ def _unrelated(
             "sensor connected, does its log belong to this motion? Did the bench prescribe it (in a log of a "
             "walking robot the motion answers to the torque)? Then record again"
         ]
+    if constant and (reason := forewarning(recording, 0.0)):  # next to which nobody sees what the coil does
+        return [reason]
     if constant:
         return [
             f"the {torque_name} does not depend on the {name}, although that changes from {current.min():.3g} to "

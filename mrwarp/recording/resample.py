@@ -16,6 +16,9 @@ FILLED_SAMPLES, FILLED_SECONDS = 5, 0.020
 MAX_FILLED = 0.10
 """Largest share of samples that may be filled in where a regular clock lost them."""
 
+_TICKS = 12
+"""Fewest ticks of a coarse clock in a run: a line through n steps is off by up to 1.5/n² of its slope, here 1 %."""
+
 _ON_TICK, _MOSTLY, _SOME = 0.1, 0.9, 0.02
 """A clock that loses samples leaves intervals of one, two, three ... of its own: how far they may be from whole
 numbers, which share of them must be so near, and the least share of each kind. Two kinds alone are the logger's own."""
@@ -81,7 +84,7 @@ def even_pieces(columns: dict[str, np.ndarray]) -> tuple[list[Piece], list[tuple
     A run whose intervals are all within :data:`MAX_JITTER` of the median is returned as it is.
 
     Raises:
-        UnevenError: time goes back, one stamp stands at two different rows, or too much is missing.
+        UnevenError: time goes back or stands, one stamp stands at two different rows, or too much is missing.
     """
     t = columns["t"]
     if (np.diff(t) < 0.0).any():
@@ -95,6 +98,12 @@ def even_pieces(columns: dict[str, np.ndarray]) -> tuple[list[Piece], list[tuple
     step = np.diff(t)
     rounded, coarse = 0.0, float(np.mean(step == 0.0))
     if coarse > 0.05:  # a clock that ticks more slowly than the samples come
+        if (ticks := len(t) - int((step == 0.0).sum())) < _TICKS:
+            raise UnevenError(
+                f"time stands: {len(t)} rows have {ticks} different stamps, too few to show the rate; write t with "
+                "more digits, or count it from the run's start",
+                0,
+            )
         rounded = float(step[step > 0.0].min())
     elif coarse > 0.0:
         k = int(np.flatnonzero(step == 0.0)[0])

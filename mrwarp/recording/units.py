@@ -17,7 +17,7 @@ from mrwarp.recording.data import DEGREES, NO_INPUT, UNITS, RecordingError
 
 _RAD, _NM = 1.0 / DEGREES, "N·m"
 _CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
-    "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), "us": (1e-6, "s"), "µs": (1e-6, "s"), "ns": (1e-9, "s")},
+    "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), **dict.fromkeys(("us", "µs", "μs"), (1e-6, "s")), "ns": (1e-9, "s")},
     "q": {
         "rad": (1.0, "rad"),
         **dict.fromkeys(("deg", "degree", "degrees", "°"), (_RAD, "rad")),
@@ -29,7 +29,10 @@ _CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
         **{"mrad/s": (1e-3, "rad/s"), "rpm": (2.0 * np.pi / 60.0, "rad/s"), "m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s")},
     },
     # any other unit of the control input is carried by its name
-    "current": {"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V"), "mV": (1e-3, "V")},
+    "current": {
+        **{"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V"), "mV": (1e-3, "V"), "kV": (1e3, "V")},
+        **dict.fromkeys(("uA", "µA", "μA"), (1e-6, "A")),
+    },
     "torque": {
         **dict.fromkeys(("N·m", "Nm", "N*m", "N.m", "N m"), (1.0, _NM)),
         **dict.fromkeys(("mN·m", "mNm", "mN*m"), (1e-3, _NM)),
@@ -50,17 +53,19 @@ PER = {"counts_per_revolution": (2.0 * np.pi, "rad"), "counts_per_metre": (1.0, 
 _COUNTS = re.compile(r"(?:counts?|ticks?)(?:\s*/\s*(\d+(?:\.\d+)?))?")
 """``counts``, or ``counts/4096`` with the counts of a revolution."""
 
-_CONTROL = ("A", "mA", "V", "mV", "bar", "mbar", "Pa", "hPa", "kPa", "MPa", "psi", "N", "N·m", NO_INPUT)
+_CONTROL = ("A", "mA", "uA", "V", "mV", "kV", "bar", "mbar", "Pa", "hPa", "kPa", "MPa", "psi", "N", "N·m", NO_INPUT)
 """Units of a control input that the program knows; any other is one of its own, unless it is nearly one of these."""
 
 _OWN = ("barg", "bara", "psig", "psia", "mN", "kN", "mN·m", "kN·m", "mbarg")
 """Units of a control input that are near those and are meant."""
 
 _SPELT = {
-    "A": ("amp", "amps", "ampere", "amperes"),
+    "A": ("amp", "amps", "ampere", "amperes", "arms"),
     "mA": ("mamp", "mamps", "milliamp", "milliamps", "milliampere", "milliamperes"),
+    "uA": ("uamp", "uamps", "microamp", "microamps", "microampere", "microamperes"),
     "V": ("volt", "volts"),
     "mV": ("mvolt", "mvolts", "millivolt", "millivolts"),
+    "kV": ("kvolt", "kvolts", "kilovolt", "kilovolts"),
     "bar": ("bars",),
     "kPa": ("kilopascal",),
     "MPa": ("megapascal",),
@@ -83,6 +88,9 @@ _SPELT = {
     "K": ("kelvin",),
 }
 """Other spellings of units."""
+
+_APART = re.compile(r"[\s_\[\](){}]+")
+"""Between a unit and what else stands with it: ``[mA]``, ``A rms``, ``mA_cmd``."""
 
 _NEAR = 0.8
 """Least similarity (difflib's ratio) of two spellings of a unit: ``miliamp`` has 0.93, ``steps`` and ``amps`` 0.44."""
@@ -187,13 +195,14 @@ def _known_unit(path: Path, key: str, unit: Any, trusted: bool) -> str:
 
 
 def _near(unit: str, known: Collection[str]) -> list[str]:
-    """Known units that a text nearly is, nearest first; none for one that is meant as it stands."""
+    """Known units that a text nearly is or begins with, nearest first; none for one that is meant as it stands."""
     text = unit.strip()
     if text in known or text in _OWN:
         return []
+    first = next(filter(None, _APART.split(text)), "")
     text = text.casefold()
     spelt = {name: (name.casefold(), *_SPELT.get(name, ())) for name in known}
-    exact = [name for name, texts in spelt.items() if text in texts]
+    exact = [name for name, texts in spelt.items() if text in texts] or [name for name in known if name == first]
     near = difflib.get_close_matches(text, [each for texts in spelt.values() for each in texts], n=3, cutoff=_NEAR)
     return exact or [name for name, texts in spelt.items() if near and near[0] in texts]
 

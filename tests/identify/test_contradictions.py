@@ -68,6 +68,15 @@ WRONG = {
         changed(lambda r: {"torque": np.tanh(20.0 * r.qd) + 0.1 * r.qd + noise(r, 0.02)}),
         "does not depend on the current",
     ),
+    "a load that differs between runs": (
+        changed(
+            lambda r: {
+                "current": np.arange(len(r.t)) // 8 % 2.0,
+                "torque": 3.0 * np.cos(1.5 * r.q + int(r.id[-1])) + 0.1 * np.tanh(20.0 * r.qd),
+            }
+        ),
+        "a load that depends on the place",
+    ),
     "torque of another motion": (changed(lambda r: {"torque": noise(r, 1.0)}), "does not follow"),
     "walking log": (walking_log(), "prescribe"),
 }

@@ -22,7 +22,8 @@ def _declared(folder: Path, data: dict[str, np.ndarray], units: dict[str, Any]) 
 @pytest.mark.parametrize(
     ("unit", "meant"),
     [("milliamp", "mA"), ("Milliamperes", "mA"), ("miliamp", "mA"), ("ma", "mA"), ("amps", "A"), ("Volt", "V"),
-     ("PSI", "psi"), ("Nm", "N·m"), ("None", "none")],
+     ("PSI", "psi"), ("Nm", "N·m"), ("None", "none"), ("milli amps", "mA"), ("m-A", "mA"), ("[mA]", "mA"),
+     ("A rms", "A"), ("mA_cmd", "mA"), ("microamp", "uA"), ("kilovolt", "kV")],
 )  # fmt: skip
 def test_a_unit_near_a_known_one_is_asked_back(tmp_path: Path, unit: str, meant: str) -> None:
     """Nobody's unit is called milliamp: the question names what was meant, and the way out where it is one."""
@@ -34,11 +35,21 @@ def test_a_unit_near_a_known_one_is_asked_back(tmp_path: Path, unit: str, meant:
 
 
 @pytest.mark.parametrize(
-    "unit", ["bar", "%", "V", "psi", "steps", "preload steps", "barg", "pwm", "gauss", "mbar", "1"]
+    "unit", ["bar", "%", "V", "psi", "steps", "preload steps", "barg", "pwm", "gauss", "mbar", "1", "a.u.", "% duty"]
 )
 def test_a_unit_of_its_own_is_taken(tmp_path: Path, unit: str) -> None:
     """A control input may be in anything that is not nearly a known unit."""
     assert load_recording(_declared(tmp_path, columns(), {"current": unit})).units["current"] == unit
+
+
+@pytest.mark.parametrize(("unit", "times", "base"), [("uA", 1e-6, "A"), ("µA", 1e-6, "A"), ("kV", 1e3, "V")])
+def test_further_multiples_are_converted(tmp_path: Path, unit: str, times: float, base: str) -> None:
+    """A microampere is no unit of its own."""
+    plain, scaled = columns(), columns()
+    scaled["current"] = plain["current"] / times
+    found = load_recording(_declared(tmp_path, scaled, {"current": unit}))
+    assert found.units["current"] == base
+    np.testing.assert_allclose(found.trajectories[0].current, plain["current"], rtol=1e-6)  # seven digits in the file
 
 
 def test_a_misspelt_unit_of_the_angle_is_asked_back(tmp_path: Path) -> None:

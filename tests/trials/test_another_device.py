@@ -133,6 +133,7 @@ def test_training_groups_are_shares_of_what_the_device_takes(small_brake: Path) 
     assert env.cfg.currents == pytest.approx((0.0, 1 / 3, 2 / 3, 1.0))
     assert CURRENT_GROUPS.of(most_current(task_devices(make_walk_cfg()))) == (0.0, 0.5, 1.0, 1.5)
     assert CURRENT_GROUPS.of(3.0) == pytest.approx((0.0, 1.0, 2.0, 3.0))
+    assert all(CURRENT_GROUPS.of(most)[-1] == most for most in (k / 10 for k in range(1, 31)))  # no more by rounding
     asked = replace(make_walk_cfg(num_envs=2, model=str(small_brake), randomize="none"), currents=(0.0, 0.4))
     assert WalkEnv(asked).current_e.tolist() == pytest.approx([0.0, 0.4])
 

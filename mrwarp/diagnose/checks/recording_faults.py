@@ -35,12 +35,14 @@ _ERRORS = 6.0
 """Least width of the gap, in standard errors of a run."""
 _ZERO, _GAIN = 0.05, 0.25
 """Smallest moved zero, in standard deviations of the torque, and smallest other gain that are reported [1]."""
-_FITS, _SIMILAR, _MOST = 0.9, 1.6, 0.7
-"""Least correlation of a run with what the others say, largest factor, and share of the runs for which both hold."""
+_FITS, _SIMILAR, _MOST = 0.7, 1.6, 0.7
+"""Least correlation of a run with what the others say (turned round if it is called reversed), largest factor, and
+share of the runs for which both hold."""
+_OWN = 0.5
+"""Part of the power that most runs take from the motion from which a run resists, too, however small it is: a load that
+depends on the place takes none, and may have the other sign without any fault."""
 _AS_WELL = 1.5
 """Largest error of a run of another gain that is left after its factor, over that of the middle of the others."""
-_FITS = 0.7
-"""Least correlation, turned round, of a run that is called reversed."""
 _CONFOUNDED = 0.8
 """Share of the offsets' variance that place and control input of the runs may explain."""
 _FAR = 2.0
@@ -166,7 +168,8 @@ def _reversed_runs(recording: Recording, table: RunTable) -> RecordingFault | No
     _, fits = table.fit.factors()
     # eq. 14 says which sign is right where friction shows it, else most runs do
     driving = np.isin([run.id for run in runs], opposed(runs))
-    passive = np.array([resists(run.torque, run.qd) > DRIVES for run in runs])
+    powers = np.array([resists(run.torque, run.qd) for run in runs])
+    passive = powers > np.clip(_OWN * np.median(powers), 0.0, DRIVES)
     turns = driving | ((fits < -_FITS) & ~passive)
     turned = np.flatnonzero(turns)
     if not len(turned) or 2 * len(turned) >= len(fits):

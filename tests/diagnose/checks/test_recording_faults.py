@@ -217,3 +217,18 @@ def test_the_run_that_drives_is_turned_and_not_the_one_that_resists() -> None:
         assert fault is not None and fault.trajectories == (f"run{k}",)
         assert all((a.torque == b.torque).all() for a, b in zip(mended.trajectories, runs, strict=True))
     assert turned_signs(Recording(trajectories=tuple(runs)))[1] is None
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_load_of_the_other_sign_is_no_turned_sensor(turned: bool) -> None:
+    """Of a weight and a spring the place decides the sign; what a run takes from the motion says which is a fault."""
+    runs = []
+    for k in range(5):
+        rng, t = np.random.default_rng([8, k]), np.arange(1000) * 0.005
+        w, a = 2.0 * np.pi * rng.uniform(0.4, 1.2), rng.uniform(0.3, 0.5)
+        q, qd = a * np.sin(w * t), a * w * np.cos(w * t)
+        friction, load = 0.1 * np.tanh(qd / 0.05), 1.6 * q + 0.01 * rng.normal(size=1000)
+        torque = (-friction if turned else friction) - load if k == 3 else friction + load
+        runs.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, current=np.zeros(1000), torque=torque))
+    fault = turned_signs(Recording(trajectories=tuple(runs)))[1]
+    assert (fault.trajectories if fault else None) == (("run3",) if turned else None)
