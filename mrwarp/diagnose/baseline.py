@@ -177,7 +177,7 @@ def nominal_zero(recording: Recording, model: Model | None) -> float:
 
 
 def known_effects(model: Model | None) -> list[str]:
-    """Effects of a known model that belong to the baseline."""
+    """Effects already in a known model, which are not searched again."""
     return [e.name for e in model.effects if e.name in KNOWN] if model else []
 
 

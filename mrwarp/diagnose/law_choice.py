@@ -39,7 +39,7 @@ _STRUCTURED = 2.5
 _SMALL = 0.05
 """Mismatch, as a share of the torque's standard deviation, up to which a model counts as right but for details."""
 _FEW = 4
-"""Trajectories below which chance and gain cannot be distinguished."""
+"""Fewest trajectories at which a gain can be distinguished from chance."""
 _RIVALS = 3
 """Effects that are tried with eq. 14."""
 _ZEROS_SHARE, _ZEROS_GAIN = 0.05, 0.5

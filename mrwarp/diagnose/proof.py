@@ -65,7 +65,7 @@ _UNSEEN = 0.1
 """Part of a sample below which such a lag is not distinguished from the hidden motion of a yielding shaft."""
 HIDDEN_MOTION = "it is a small part of a sample: with a shaft that yields it may stand for its hidden motion"
 """Why one that is shorter still is no cause there, and what it would take up no structure."""
-_HIDDEN_BY_PLAY = "it is too small to resolve at your sampling rate: it gives way by less than the path between samples"
+_HIDDEN_BY_PLAY = "it is too small to resolve at your sampling rate"
 """Why a spring next to play is no cause there; play that is none itself hides nothing."""
 _POSITIVE = {
     "rotor_inertia": "an inertia is above 0",
@@ -251,7 +251,7 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
         _SPEEDS[0]: np.repeat(rates, np.diff(motion.start)),
         _SPEEDS[1]: np.abs(motion.qd),
         "small and large acceleration": np.abs(motion.qdd),
-        "the middle and the ends of the way": np.abs(motion.q - 0.5 * (motion.q.min() + motion.q.max())),
+        "the middle and the ends of the stroke": np.abs(motion.q - 0.5 * (motion.q.min() + motion.q.max())),
         "low and high current": motion.current,
     }
     for drive, x in drives.items():

@@ -20,7 +20,7 @@ from mrwarp.effects.law import (
 def position_friction_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
-    """Dry friction changes along the way."""
+    """Dry friction changes along the stroke."""
     slope, bend = values[row, at], values[row, at + 1]
     if slope != 0.0 or bend != 0.0:
         x = s.q - s.zero
@@ -31,7 +31,7 @@ def position_friction_law(
 LAW = EffectLaw(
     name="position_friction",
     title="friction that depends on the position",
-    sentence="Dry friction changes along the way.",
+    sentence="Dry friction changes along the stroke.",
     equation="(F1*x + F2*x^2)*s, x = q - q_0, ds/dt = qd/(v*5 ms), |s| <= 1",
     kind="mechanism",
     stage="torque",
@@ -43,7 +43,7 @@ LAW = EffectLaw(
     law=position_friction_law,
     adds=True,
     states=1,
-    source="Amontons' law, normal force along the way; Armstrong-Helouvry, Dupont and Canudas de Wit 1994",
+    source="Amontons' law, normal force along the path; Armstrong-Helouvry, Dupont and Canudas de Wit 1994",
     depends_on=("q", "qd"),
     remedy="align the guide; look for where it rubs",
 )

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
 
 HALF_WIDTH = 0.010
-"""Half of the filter's window [s]; a longer one would blunt reversals, a shorter one pass on the encoder's steps."""
+"""Half of the filter's window [s]; a longer one would smooth reversals, a shorter one pass on the encoder's steps."""
 
 WIDEST = 32
 """Largest factor by which the window is widened where the signal is little more than noise within it."""

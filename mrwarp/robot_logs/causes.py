@@ -76,7 +76,7 @@ class Parameter:
     highest: float = np.inf
     """Largest change: a limit that was never reached may lie anywhere above."""
     usual: tuple[float, float] = (0.0, 0.0)
-    """Range of what is no fault."""
+    """Sizes that healthy robots have, lowest and highest."""
     every_session: bool = False
     """Whether it is fitted next to any cause though it may be one."""
     nominal: float = 0.0

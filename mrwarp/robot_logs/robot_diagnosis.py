@@ -45,7 +45,7 @@ FIT_SECONDS, SECONDS = 10.0, 60.0
 WHOLE = 15.0
 
 NOT_PREDICTED = "pieces of the log that took no part are not clearly predicted better with it"
-NOT_CLEAR = "its interval reaches to what is no fault"
+NOT_CLEAR = "its interval includes sizes that healthy robots have"
 
 VERDICTS: dict[tuple[bool, bool], Verdict] = {
     (False, False): "none", (True, False): "named", (False, True): "unexplained", (True, True): "named_and_unexplained",

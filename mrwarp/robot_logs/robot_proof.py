@@ -117,7 +117,7 @@ def clear_ones(
     found: list[Found], evidence: Evidence, parameters: list[Parameter],
     alone: Callable[[list[Found]], tuple[Sizes, Evidence]],
 ) -> tuple[list[Found], list[Found], Sizes, Evidence]:  # fmt: skip
-    """Causes whose 95 % intervals leave out what is no fault, and the others, the least clear taken out first.
+    """Causes whose 95 % intervals exclude the sizes of healthy robots, and the others, the least clear taken out first.
 
     ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
     """

@@ -42,7 +42,7 @@ _OWN = 0.5
 """Part of the power that most runs take from the motion from which a run resists, too, however small it is: a load that
 depends on the place takes none, and may have the other sign without any fault."""
 _AS_WELL = 1.5
-"""Largest error of a run of another gain that is left after its factor, over that of the middle of the others."""
+"""After rescaling, a run's error may be at most this multiple of the median run's."""
 _CONFOUNDED = 0.8
 """Share of the offsets' variance that place and control input of the runs may explain."""
 _FAR = 2.0
