@@ -137,16 +137,17 @@ def reaching(robot: ForeignRobot) -> tuple[list[Path], dict[str, float]]:
     for leg in legs if len(legs) > 1 else []:
         low = [joint.limits[0] if joint.limits else -np.pi for joint in leg]
         high = [joint.limits[1] if joint.limits else np.pi for joint in leg]
+        far = length(leg)
 
-        def depth(q: np.ndarray, leg: list[Joint] = leg) -> float:
+        def depth(q: np.ndarray, leg: list[Joint] = leg, far: float = far) -> float:
             poses = robot.poses({joint.name: float(x) for joint, x in zip(leg, q, strict=True)}, leg)
-            return float(lowest(robot, leg[-1].child, poses)[2] + 1e-3 * length(leg) * (q @ q))
+            return float(lowest(robot, leg[-1].child, poses)[2] + 1e-3 * far * (q @ q))
 
         starts = (np.clip(np.full(len(leg), start), low, high) for start in (0.3, -0.3))
         bounds = list(zip(low, high, strict=True))
         tried = [minimize(depth, start, method="Powell", bounds=bounds) for start in starts]
         best = min(tried, key=lambda result: result.fun)
-        if best.fun > -0.5 * length(leg):
+        if best.fun > -0.5 * far:
             return [], {}
         pose.update({joint.name: float(x) for joint, x in zip(leg, best.x, strict=True)})
     return (legs, pose) if len(legs) > 1 else ([], {})

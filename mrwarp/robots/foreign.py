@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,21 @@ class Joint:
             else RigidTransform.from_rotation(Rotation.from_rotvec(moved))
         )
         return self.in_parent * turn * self.in_child.inv()
+
+    @cached_property
+    def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The child's matrix is the first part, the second by sin(q) or the way, and the third by cos(q); all (4, 4)."""
+        if self.kind == "slide":
+            zero, one = (self.place(q).as_matrix() for q in (0.0, 1.0))
+            return zero, one - zero, np.zeros((4, 4))
+        zero, quarter, half = (self.place(q).as_matrix() for q in (0.0, 0.5 * math.pi, math.pi))
+        middle = 0.5 * (zero + half)
+        return middle, quarter - middle, 0.5 * (zero - half)
+
+    def matrix(self, q: float) -> np.ndarray:
+        """:meth:`place` as a homogeneous matrix, shape (4, 4), quickly where it is asked for many angles."""
+        fixed, first, second = self._parts
+        return fixed + q * first if self.kind == "slide" else fixed + math.sin(q) * first + math.cos(q) * second
 
 
 @dataclass(kw_only=True)
@@ -171,14 +187,19 @@ class ForeignRobot:
                 ends.add(joint.child)
         return found
 
+    def matrices(self, q: Mapping[str, float], joints: Sequence[Joint] | None = None) -> dict[int, np.ndarray]:
+        """:meth:`poses` of the root and of the bodies that joints lead to, as homogeneous matrices, shape (4, 4)."""
+        found = {self.root: np.eye(4)}
+        for joint in self.joints if joints is None else joints:  # parents come first
+            found[joint.child] = found[joint.parent] @ joint.matrix(q.get(joint.name, 0.0))
+        return found
+
     def poses(self, q: Mapping[str, float], joints: Sequence[Joint] | None = None) -> list[RigidTransform]:
         """Every body in the frame of the root, at joint angles [rad]; a joint that is not named is at 0.
 
         Bodies that no joint leads to, or none of ``joints`` where they are given, are at the root.
         """
-        found: dict[int, RigidTransform] = {self.root: RigidTransform.identity()}
-        for joint in self.joints if joints is None else joints:  # parents come first
-            found[joint.child] = found[joint.parent] * joint.place(q.get(joint.name, 0.0))
+        found = {body: RigidTransform.from_matrix(matrix) for body, matrix in self.matrices(q, joints).items()}
         return [found.get(i, found[self.root]) for i in range(len(self.bodies))]
 
     def carried(self, joint: Joint) -> set[int]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import RigidTransform
 
 from mrwarp.paper import GRAVITY
 from mrwarp.robots.foreign import ForeignRobot, Joint, Shape
@@ -57,8 +56,9 @@ class _Plane:
             body = before[body].parent
         own = {joint.name for joint in leg}
         self.joints = [joint for joint in self.path if joint.name in own]
+        self.before = {joint.name: joint.in_parent.as_matrix() for joint in self.path}
         poses = self.poses(stretched)
-        axes = [(poses[j.parent] * j.in_parent).rotation.apply(j.axis) for j in self.joints]
+        axes = [(poses[j.parent] @ self.before[j.name])[:3, :3] @ j.axis for j in self.joints]
         parallel = [[abs(a @ b) > PARALLEL for b in axes] for a in axes]
         most = max(range(len(axes)), key=lambda k: (sum(parallel[k]), k))
         self.bends = [joint for joint, same in zip(self.joints, parallel[most], strict=True) if same]
@@ -71,19 +71,19 @@ class _Plane:
         links = np.diff(points, axis=0)
         self.reach = float(np.linalg.norm(links - np.outer(links @ axes[most], axes[most]), axis=1).sum())
         self.offset = float((points[-1] - points[0]) @ self.lateral)
-        self.up = poses[foot.body].rotation.inv().apply([0.0, 0.0, 1.0])
+        self.up = poses[foot.body][2, :3]
 
-    def poses(self, q: Mapping[str, float]) -> list[RigidTransform]:
-        """Of the leg's bodies; the other legs need not be followed."""
-        return self.robot.poses(dict(q), self.path)
+    def poses(self, q: Mapping[str, float]) -> dict[int, np.ndarray]:
+        """Of the leg's bodies as matrices; the other legs need not be followed."""
+        return self.robot.matrices(q, self.path)
 
-    def point(self, poses: Sequence[RigidTransform], joint: Joint) -> np.ndarray:
+    def point(self, poses: Mapping[int, np.ndarray], joint: Joint) -> np.ndarray:
         """A joint's place [m]."""
-        return (poses[joint.parent] * joint.in_parent).translation
+        return poses[joint.parent][:3] @ self.before[joint.name][:, 3]
 
-    def sole(self, poses: Sequence[RigidTransform]) -> np.ndarray:
+    def sole(self, poses: Mapping[int, np.ndarray]) -> np.ndarray:
         """The foot's place [m]."""
-        return poses[self.foot.body].apply(self.foot.centre)
+        return poses[self.foot.body][:3] @ np.append(self.foot.centre, 1.0)
 
 
 def _shares(planes: Sequence[_Plane]) -> list[float]:
@@ -132,7 +132,7 @@ def solve_stance(
         def miss(q: np.ndarray, plane: _Plane = plane, share: float = share) -> np.ndarray:
             poses = plane.poses(angles(q))
             away = (plane.sole(poses) - plane.point(poses, plane.bends[0])) / plane.reach
-            up = poses[plane.foot.body].rotation.apply(plane.up)
+            up = poses[plane.foot.body][:3, :3] @ plane.up
             level = up[:2] if len(plane.bends) > 2 and plane.foot.shape is None else []
             side = away @ plane.lateral - plane.offset / plane.reach
             return np.array([away @ plane.forward, side, -away[2] - share, *(0.02 * q), *level])

@@ -34,7 +34,7 @@ def test_hidden_effect_is_found_in_a_foreign_device(kind: str, law: str) -> None
 
 @pytest.mark.slow
 def test_nothing_hidden_in_a_foreign_device_is_not_named() -> None:
-    """Structure that repeats without a name is unexplained, as with Spencer's law; tests of the law's choice have Kwok's."""
+    """Structure that repeats without a name is unexplained, as with Spencer's law; test_law_choice has Kwok's."""
     found = foreign("none", "spencer")
     assert found["outcome"] == "right" and not found["causes"] and not found["faults"] and found["unexplained"]
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from mrwarp.cli import main
 from mrwarp.robots.drives import Choices
+from mrwarp.robots.foreign import Joint
 from mrwarp.robots.legs import understand
 from mrwarp.robots.read_robot import read_robot
 from mrwarp.usd.asset import RobotAsset, load_robot, masses
@@ -425,3 +427,17 @@ def refused(file: Path, parts: tuple[str, ...], capsys: pytest.CaptureFixture[st
     assert error.count("\n") == 1 and str(file) in error
     assert all(part.lower() in error.lower() for part in parts), error
     assert sorted(file.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize("kind", ["hinge", "slide"])
+def test_the_matrix_of_a_joint_is_its_place(kind: str) -> None:
+    """At any angle or way, about any axis, between frames that are turned and moved."""
+    rng = np.random.default_rng(0)
+    frames = [RigidTransform.from_components(rng.normal(size=3), Rotation.random(rng=rng)) for _ in range(2)]
+    axis = rng.normal(size=3)
+    own = Joint(
+        name="a", kind=kind, parent=0, child=1, in_parent=frames[0], in_child=frames[1],
+        axis=axis / np.linalg.norm(axis), limits=None, armature=0.0,
+    )  # fmt: skip
+    for q in rng.uniform(-4.0, 4.0, 20):
+        np.testing.assert_allclose(own.matrix(q), own.place(q).as_matrix(), atol=1e-12)
