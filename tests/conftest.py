@@ -12,6 +12,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import pytest
 import torch
 import warp as wp
+from matplotlib.figure import Figure
 
 # before the first kernel: Warp prints its banner and every compiled module at LOG_INFO
 wp.config.log_level = wp.LOG_WARNING
@@ -22,6 +23,18 @@ torch.set_num_threads(1)
 # imports and tests make millions of objects that live on: looking for cycles among them took a quarter of the imports'
 # time and a twentieth of the tests'
 gc.set_threshold(100_000, 20, 20)
+
+_savefig = Figure.savefig
+
+
+def savefig(figure: Figure, *args: object, **options: object) -> None:
+    """Draw without a layout, which takes most of the time, but in tests that are about pictures by their names."""
+    if "picture" not in os.environ.get("PYTEST_CURRENT_TEST", "picture"):
+        figure.set_layout_engine("none")
+    _savefig(figure, *args, **options)  # type: ignore[arg-type]
+
+
+Figure.savefig = savefig  # type: ignore[method-assign]
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

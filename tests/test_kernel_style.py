@@ -17,6 +17,7 @@ import ast
 import re
 from collections.abc import Iterator
 from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -176,11 +177,11 @@ def boundary_problem(file: str, module: str) -> str | None:
     return None
 
 
-def parsed(folder: str) -> Iterator[tuple[str, str, ast.Module]]:
+@cache
+def parsed(folder: str) -> list[tuple[str, str, ast.Module]]:
     """Name, source and syntax tree of every Python file under a folder of the repository."""
-    for path in sorted((ROOT / folder).rglob("*.py")):
-        source = path.read_text(encoding="utf-8")
-        yield path.relative_to(ROOT).as_posix(), source, ast.parse(source)
+    texts = [(path, path.read_text(encoding="utf-8")) for path in sorted((ROOT / folder).rglob("*.py"))]
+    return [(path.relative_to(ROOT).as_posix(), text, ast.parse(text)) for path, text in texts]
 
 
 def test_kernels_and_laws_follow_the_signature_rules() -> None:

@@ -86,7 +86,7 @@ class Joint:
 
     @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The child's matrix is the first part, the second by sin(q) or the way, and the third by cos(q); all (4, 4)."""
+        """Shape (4, 4): the first, the second times sin(q) or the way, and the third times cos(q) make the matrix."""
         if self.kind == "slide":
             zero, one = (self.place(q).as_matrix() for q in (0.0, 1.0))
             return zero, one - zero, np.zeros((4, 4))

@@ -70,6 +70,7 @@ def _motor(inertia: float, friction: float, spikes: float) -> Recording:
     return Recording(trajectories=tuple(found), units={"q": "rad", "current": "none", "torque": "N·m"})
 
 
+@pytest.mark.slow
 def test_an_inertia_makes_no_other_law() -> None:
     """A motor on several frequencies: of all laws alone, LuGre's with four numbers can stand for the inertia best."""
     found = diagnose(_motor(0.021, 0.7, 0.01), effects=("rotor_inertia", "coulomb_friction", "position_friction"))

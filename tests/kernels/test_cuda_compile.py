@@ -66,7 +66,8 @@ def failures(modules: list[Module], arch: int, folder: Path) -> list[str]:
     return failed
 
 
-@pytest.mark.parametrize("arch", [80, pytest.param(90, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("arch", [80, 90])
 def test_every_kernel_compiles_for_a_gpu(arch: int, kernel_modules: list[Module], tmp_path: Path) -> None:
     """PTX for sm_80 and sm_90 of all modules but the LSTM in a CPU's lanes."""
     names = {module.name for module in kernel_modules}

@@ -30,9 +30,10 @@ def written(path: Path, body: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("opening", ["[", "{", '{"a":'])
-@pytest.mark.parametrize("place", ["double newton:mr:K1 = 10", "upAxis = "])
-def test_deep_brackets_are_refused(tmp_path: Path, opening: str, place: str) -> None:
+@pytest.mark.parametrize(
+    ("place", "opening"), [("double newton:mr:K1 = 10", "["), ("upAxis = ", "{"), ("double newton:mr:K1 = 10", '{"a":')]
+)
+def test_deep_brackets_are_refused(tmp_path: Path, place: str, opening: str) -> None:
     """A hundred thousand open brackets, which overflow the reader's stack or are no USD, are refused."""
     text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
     assert place in text

@@ -301,7 +301,7 @@ def test_damaged_record_is_refused(
     capsys: pytest.CaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The robot still loads; show names prim, key, value and remedy in one short line; applying again repairs."""
+    """The robot still loads; show names prim, key, value and remedy in one short line."""
     monkeypatch.setattr(asset_record, "MAX_CHARACTERS", 200_000)
     stage = Usd.Stage.Open(str(robot))
     device = stage.GetPrimAtPath("/mr_go/parts/MRDevice")
@@ -314,6 +314,14 @@ def test_damaged_record_is_refused(
     assert said.startswith(f"mrwarp asset show: {robot}: /mr_go/actuators/FL_calf: {RECORD}")
     assert has_parts(said, f"{words} .. mrwarp asset apply .. remove {RECORD}")
     assert said.count("\n") == 1 and len(said) < 700 and "\x1b" not in said
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", '{"model": {"schema": 7}}'])
+def test_a_damaged_record_is_compared_and_repaired(robot: Path, model: Model, text: str) -> None:
+    """The robots differ in it; applying a model again repairs it."""
+    stage = Usd.Stage.Open(str(robot))
+    stage.GetPrimAtPath("/mr_go/parts/MRDevice").CreateAttribute(RECORD, Sdf.ValueTypeNames.String).Set(text)
+    stage.Save()
     assert main(["asset", "diff", str(SHIPPED), str(robot)]) in (1, 2)
     applied(robot, model)
     assert held(robot).model == model

@@ -24,6 +24,9 @@ from paper.reproduce.walk_results import fig9, table6, table7
 TRIALS = np.arange(9)
 """Three rollouts of each of three policies."""
 
+MADE: dict[Path, walks.Walks] = {}
+"""Walks by the folder that they stand for."""
+
 HOLD = {(0.0, 0.3): 0.4, (0.0, 0.5): 0.3, (3.0, 0.3): 0.5, (3.0, 0.5): 0.35}
 """Share of time held: longer at low speed and with payload, and longer than the paper's."""
 
@@ -61,7 +64,7 @@ def _square(power: float, speed: float = 0.0) -> float:
 
 
 def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int = 3) -> Path:
-    """A folder of walks in which all arrived but for the changed conditions; with a device that sticks all did."""
+    """A folder for walks in which all arrived but for the changed conditions; with a device that sticks all did."""
     results = {(robot, *cell): walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD}
     sticking = [result for (robot, *_), result in results.items() if robot != "go1"]
     all_arrived = list(results.values())
@@ -88,9 +91,14 @@ def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int 
         },
         policies=dict.fromkeys(walks.VARIANTS, policies) | {"constraint_coupling": sticks},
     )
-    (tmp_path / "walks").mkdir(exist_ok=True)
-    cache.save(tmp_path / "walks" / "walks.npz", data)
+    MADE[tmp_path] = data
     return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def not_from_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Entries get the walks that :func:`folder` made; writing and reading them takes longer than the entry."""
+    monkeypatch.setattr(walks, "read", lambda job: MADE[job.out.parent])
 
 
 def job(folder: Path) -> Job:
@@ -313,9 +321,10 @@ def test_policies_with_sal_walk_on_the_devices_that_they_were_trained_with(
 def test_table_7_has_the_papers_simulation_next_to_walks_as_commanded(tmp_path: Path) -> None:
     """Its hardware stands next to walks at the measured speeds."""
     place = folder(tmp_path)
-    data = cache.load(place / "walks" / "walks.npz", walks.Walks)
+    cache.save(place / "walks.npz", MADE[place])
+    data = cache.load(place / "walks.npz", walks.Walks)
     nominal = [replace(r, hold=np.full_like(r.hold, 0.123)) for r in data.results["as_commanded"]]
-    cache.save(place / "walks" / "walks.npz", replace(data, results={**data.results, "as_commanded": nominal}))
+    MADE[place] = replace(data, results={**data.results, "as_commanded": nominal})
     found = made(table7, place)
     ours = {row.condition: row.ours for row in found.rows}
     holds = {name: found.claims[found.claim_ids[name]] for name in ("longer_when_slow", "commanded_longer_when_slow")}
