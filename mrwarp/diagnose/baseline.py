@@ -10,25 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import (
-    Fit,
-    Problem,
-    base_vector,
-    by_ratio,
-    fit_model,
-    gain_and_t,
-    normalised,
-    refit,
-    threshold,
-    unit_loop,
-)
+from mrwarp.diagnose.problem import Fit, Problem, base_vector, fit_model, normalised, refit, threshold, unit_loop
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import EffectParameter
 from mrwarp.identify.checks.stated import coil_resistance
 from mrwarp.identify.dataset import Motion, Scales, rms
 from mrwarp.identify.fit import BoucWenStructure
-from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
 from mrwarp.identify.parameters import LINEAR_PART, Slot, factor_of
 from mrwarp.identify.projection import Progress, search_starts
@@ -36,6 +24,8 @@ from mrwarp.identify.replay import EffectReplay, Replay
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.certainty import by_ratio, gain_and_t
+from mrwarp.sysid.least_squares import ridge_solve
 
 _STARTS_ON = 8000
 """Samples on which the starts of the baseline are searched."""

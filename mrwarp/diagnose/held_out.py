@@ -26,10 +26,11 @@ from mrwarp.identify.boosting import (
 )
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, check_same_units
+from mrwarp.sysid.left_out import left_out
+from mrwarp.sysid.pieces import Pieces
 
 MODELS = ("baseline", "extended")
 
@@ -71,13 +72,11 @@ def held_out_squares(problem: Problem, fit: Fit) -> np.ndarray:
 def _predicted(problem: Problem, fit: Fit) -> np.ndarray:
     """Torque of each trajectory by the fit without it, shape (N,)."""
     columns = [*fit.free, len(fit.x)]
-    parts = fit.equations.parts[:, columns][:, :, columns]
-    total, moment = parts[:, :-1, :-1].sum(axis=0), parts[:, :-1, -1].sum(axis=0)
+    pieces = Pieces.of_grams(fit.equations.parts[:, columns][:, :, columns])
     out = fit.torque.copy()
-    if len(parts) < 2:
+    if len(pieces.square) < 2:
         return out
-    left = ridge_solve(total - parts[:, :-1, :-1], moment - parts[:, :-1, -1])
-    for delta, part in zip(left, problem.motion.parts, strict=True):
+    for delta, part in zip(left_out(pieces), problem.motion.parts, strict=True):
         out[part] += delta @ fit.slopes[fit.free, part]
     return out
 

@@ -13,13 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, by_ratio, fit_model, threshold
+from mrwarp.diagnose.problem import Fit, Problem, fit_model, threshold
 from mrwarp.diagnose.screening import Candidate
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, zero_line, zeros_moved
 from mrwarp.identify.parameters import LINEAR, SHAPE, SHAPE_PART, YIELDING, slots_of
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
+from mrwarp.sysid.certainty import by_ratio
 
 MARGIN = 0.15
 """Share by which the held-out RMSE of another law must be lower than that of eq. 14 with its best effect."""

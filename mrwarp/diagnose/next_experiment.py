@@ -22,10 +22,12 @@ from mrwarp.effects.law import EffectParameter, Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.kinematics import Kinematics
-from mrwarp.identify.least_squares import Quadratic, Rules, losses, minimise, ridge_solve
+from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import Parameters, simulate, slots_of
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.data import NO_INPUT
+from mrwarp.sysid.least_squares import Rules, minimise, ridge_solve
+from mrwarp.sysid.pieces import Quadratic
 
 _MORE = 1.3
 """Gain that is asked for, over the threshold: the gain that is found scatters about the gain that is there."""
@@ -187,8 +189,8 @@ def _least_loss(trial: Problem, p: Parameters, start: np.ndarray, data: Quadrati
         descent = here.descent + data.descent - data.normal @ away
         return Quadratic(here.loss + data.after(away), here.normal + data.normal, descent)
 
-    _, best = minimise(evaluate, start, p.low, p.high, reach=p.reach(1.0, 0.4), rules=_RULES)
-    return max(best.loss, 0.0)
+    best = minimise(evaluate, start, p.low, p.high, reach=p.reach(1.0, 0.4), rules=_RULES)
+    return max(best.quadratic.loss, 0.0)
 
 
 # --- a motion and a current ---

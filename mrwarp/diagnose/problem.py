@@ -11,13 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.dataset import Motion, Scales
-from mrwarp.identify.least_squares import NormalEquations, Quadratic, Rules, losses, minimise, ridge_solve
 from mrwarp.identify.noise import Noise
+from mrwarp.identify.normal_equations import NormalEquations, losses
 from mrwarp.identify.parameters import (
     BASE_PART,
     EFFECT_PART,
@@ -33,6 +32,11 @@ from mrwarp.identify.parameters import (
 )
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.data import quantity
+from mrwarp.sysid.certainty import by_ratio, gain_and_t
+from mrwarp.sysid.jackknife import effective_count, jackknife, student
+from mrwarp.sysid.least_squares import Rules, minimise
+from mrwarp.sysid.left_out import left_out
+from mrwarp.sysid.pieces import Pieces, Quadratic
 
 FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
@@ -184,7 +188,7 @@ def fit_model(
     if set(YIELDING) & set(parameters.effects) and not parameters.law:
         x, best = _by_sliding_torque(evaluate, loss, x, parameters, reach, rules)
     else:
-        x, best = minimise(evaluate, x, parameters.low, parameters.high, reach=reach, rules=rules, loss=loss)
+        x, best = _minimum(evaluate, loss, x, parameters, reach, rules)
     torque, slopes, equations = best.content
     # coordinates of eqs. 14 and 15 that are not at a bound and push against it, and all of the effects
     at_low, at_high = x <= parameters.low + 1e-9, x >= parameters.high - 1e-9
@@ -197,6 +201,21 @@ def fit_model(
     # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
     squares = equations.parts[:, -1, -1]
     return Fit(parameters, x, torque, slopes, squares, squares + outside - inside, equations, free)
+
+
+def _minimum(
+    about: Callable[[np.ndarray], Quadratic],
+    loss: Callable[[np.ndarray], float],
+    x: np.ndarray,
+    p: Parameters,
+    reach: np.ndarray,
+    rules: Rules,
+) -> tuple[np.ndarray, Quadratic]:
+    """Least squares within a model's bounds: derivatives are taken at better points only."""
+    found = minimise(
+        about, x, p.low, p.high, reach=reach, rules=rules, seen=lambda x, here: replace(here, loss=loss(x))
+    )
+    return found.x, found.quadratic
 
 
 def _by_sliding_torque(
@@ -228,7 +247,7 @@ def _by_sliding_torque(
 
     y = np.clip(x, p.low, p.high)
     y[stiff] *= np.exp(-y[rate])
-    y, best = minimise(about, y, p.low, p.high, reach=reach, rules=rules, loss=lambda y: loss(outer(y)))
+    y, best = _minimum(about, lambda y: loss(outer(y)), y, p, reach, rules)
     # the derivatives stand in K0 and K1
     back = np.eye(len(y))
     back[stiff, stiff] = np.exp(-y[rate])
@@ -394,19 +413,6 @@ def threshold(fit: Fit) -> float:
     return max(CHI2, FLOOR * fit.equations.count)
 
 
-def gain_and_t(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
-    """Sum of the differences of losses, shape (T,), and its ratio to its standard error over trajectories."""
-    d = before - after
-    error = float(np.std(d, ddof=1) * np.sqrt(len(d))) if len(d) > 1 else float("inf")
-    return float(d.sum()), float(d.sum()) / max(error, 1e-12)
-
-
-def by_ratio(before: np.ndarray, after: np.ndarray) -> float:
-    """Mean logarithm of the ratio of trajectories' squared errors, shape (T,), over its standard error."""
-    ratio = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
-    return float(ratio.mean()) * np.sqrt(len(ratio)) / max(float(ratio.std(ddof=1)), 1e-12)
-
-
 def drifts(effect: str) -> bool:
     """Whether an effect changes slowly, over the session."""
     return "time" in KNOWN[effect].depends_on
@@ -431,9 +437,7 @@ def covariance(fit: Fit) -> np.ndarray:
     count = len(parts)
     least = np.zeros(size) if fit.least_variance is None else fit.least_variance
     if count >= 3:
-        left = ridge_solve(total - parts[:, :size, :size], fit.equations.total[:size, size] - parts[:, :size, size])
-        left = left - left.mean(axis=0)
-        least = np.maximum(least, (count - 1) / count * np.einsum("ti,ti->i", left, left))
+        least = np.maximum(least, np.diag(jackknife(left_out(Pieces.of_grams(parts)))))
     ratio = np.sqrt(np.maximum(1.0, least / np.maximum(np.diag(noise), 1e-300)))
     return noise * np.outer(ratio, ratio)
 
@@ -442,8 +446,7 @@ def interval(fit: Fit, index: int, spread: np.ndarray, level: float = 0.95) -> t
     """Interval of one coordinate that holds it with this chance, by the :func:`covariance` ``spread``."""
     parts, size = fit.equations.parts, len(fit.x)
     information = parts[:, index, index] if index < size else np.ones(len(parts))
-    effective = float(information.sum() ** 2 / max(float((information**2).sum()), 1e-300))
-    half = float(stats.t.ppf(0.5 + 0.5 * level, max(effective - 1.0, 2.0))) * float(np.sqrt(spread[index, index]))
+    half = student(level, max(effective_count(information) - 1.0, 2.0)) * float(np.sqrt(spread[index, index]))
     return float(fit.x[index] - half), float(fit.x[index] + half)
 
 

@@ -14,23 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.diagnose.held_out import Account, held_out_squares
-from mrwarp.diagnose.problem import (
-    Fit,
-    Problem,
-    by_ratio,
-    covariance,
-    drifts,
-    fit_model,
-    interval,
-    plain_fit,
-)
+from mrwarp.diagnose.problem import Fit, Problem, covariance, drifts, fit_model, interval, plain_fit
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
 from mrwarp.effects.catalogue import KNOWN
-from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.parameters import YIELDING, row_column
 from mrwarp.identify.projection import Progress
+from mrwarp.sysid.certainty import by_ratio, two_sizes
+from mrwarp.sysid.jackknife import sum_and_error
 
 _STANDARD_ERRORS = 1.0
 """Least gain on trajectories left out, in its standard errors: the one-standard-error rule."""
@@ -220,13 +212,12 @@ def _gain_rejection(before: np.ndarray, after: np.ndarray) -> str:
 
     It has to show in their sum and in each one's own error: in the sum only the few with the largest torque count.
     """
-    gains = before - after
-    error = float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
-    if gains.sum() <= _STANDARD_ERRORS * error or by_ratio(before, after) <= _STANDARD_ERRORS:
-        better = int((gains > 0.0).sum())
+    gain, error = sum_and_error(before - after)
+    if gain <= _STANDARD_ERRORS * error or by_ratio(before, after) <= _STANDARD_ERRORS:
+        better = int((before > after).sum())
         return (
             f"without it the simulation of unseen trajectories is as good, but for chance (better with it in {better} "
-            f"of {len(gains)})"
+            f"of {len(before)})"
         )
     return ""
 
@@ -268,11 +259,7 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
         if not in_many:
             continue
         parts = [np.vstack([rows[:-1, p], halves[:, p], rows[-1:, p]]) for p in motion.parts]
-        grams = np.stack([part @ part.T for part in parts])
-        total, left = grams.sum(axis=0), grams.sum(axis=0) - grams
-        sizes = ridge_solve(total[:-1, :-1], total[:-1, -1])[-2:]
-        differences = np.diff(ridge_solve(left[:, :-1, :-1], left[:, :-1, -1])[:, -2:])[:, 0]
-        error = float(np.sqrt((1.0 - 1.0 / len(differences)) * ((differences - differences.mean()) ** 2).sum()))
+        sizes, error = two_sizes(np.stack([part @ part.T for part in parts]))
         small, large = sorted(sizes, key=abs)
         ratio = _STATIC if effect in _DRY and drive in _SPEEDS else _TWICE
         if abs(large - small) > _DIFFERS * error and small / large < 1.0 / ratio:

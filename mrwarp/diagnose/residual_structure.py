@@ -13,10 +13,11 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from mrwarp.diagnose.problem import UNCHANGING, Fit, Problem, gain_and_t
+from mrwarp.diagnose.problem import UNCHANGING, Fit, Problem
 from mrwarp.identify.dataset import Dataset, Motion, of_commonest_rate
-from mrwarp.identify.least_squares import losses
+from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import LINEAR, LINEAR_PART
+from mrwarp.sysid.certainty import gain_and_t
 
 LAG = "lag"
 """Form of the functions that are the torque behind lags."""

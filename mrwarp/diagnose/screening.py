@@ -16,7 +16,7 @@ import numpy as np
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, reported_fit
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.angle_lines import angle_lines
-from mrwarp.identify.least_squares import losses
+from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import Parameters, simulate, slots_of, without_hysteresis
 
 _FEW = (1, 3)

@@ -10,12 +10,13 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.diagnose.lag_or_delay import DELAY, LAG, LagOrDelay, decided_by_steps
-from mrwarp.diagnose.problem import Fit, Problem, as_good, drifts, gain_and_t, threshold
+from mrwarp.diagnose.problem import Fit, Problem, as_good, drifts, threshold
 from mrwarp.diagnose.residual_structure import Leftover, groups_along, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, screen
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.least_squares import losses
+from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.projection import Progress
+from mrwarp.sysid.certainty import gain_and_t
 
 _ADDED, _ADDED_SLOWLY = 0.13, 0.06
 """Part of the gain so far that one more effect must add."""

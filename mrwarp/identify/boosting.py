@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.sysid.least_squares import ridge_solve
 
 _PAST = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.0)
 """How far back the features look [s]."""

@@ -1,9 +1,6 @@
 """Evidence on each parameter: intervals that survive correlated errors, and parameters that cannot be distinguished.
 
-Errors of bench data live at the level of trajectories (zero drift, gain, temperature), so samples are not independent.
-The covariance is the leave-one-trajectory-out jackknife (cluster-robust, CR3), linearised at the optimum, and its
-quantile is Student's with the effective number of clusters that bear on the parameter (Carter, Schnepel and Steigerwald
-2017).
+Trajectories, or blocks of one, are the pieces of :mod:`mrwarp.sysid.jackknife`.
 """
 
 from __future__ import annotations
@@ -12,9 +9,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from mrwarp.identify.projection import Point
+from mrwarp.sysid.jackknife import effective_count, jackknife, student
+from mrwarp.sysid.left_out import left_out
+from mrwarp.sysid.pieces import Pieces
 
 _RANK = 1e-8
 """Eigenvalues of the parameters' correlation matrix below this count as directions without information."""
@@ -76,14 +75,8 @@ def assess(
     known = values > _RANK * values[-1]
     blind = (vectors[:, ~known] ** 2).sum(axis=1)
 
-    # leave each cluster out: one small solve
-    clusters = len(parts)
-    total = score.sum(axis=0)
-    shifts = np.stack(
-        [np.linalg.lstsq(correlation - h, total - u, rcond=_RANK)[0] for h, u in zip(parts, score, strict=True)]
-    )
-    shifts -= shifts.mean(axis=0)
-    covariance = (clusters - 1) / clusters * shifts.T @ shifts
+    pieces = Pieces(information=parts, score=score, square=np.zeros(len(parts)))
+    covariance = jackknife(left_out(pieces, solve=_least))
     inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
 
     base = transform(vector)
@@ -94,14 +87,17 @@ def assess(
         lost = size == 0.0 or (blind_part > 1e-3 * size).any()  # along a direction without information
         variance = float(row @ covariance @ row)
         share = np.einsum("i,gij,j->g", row @ inverse, parts, inverse @ row)
-        effective = share.sum() ** 2 / max(float((share**2).sum()), 1e-300)
-        dof = max(effective - 1.0, 1.0)
-        sigma = float("inf") if lost else np.sqrt(variance)
-        quantiles = stats.t.ppf((0.975, 1.0 - 0.025 / count), dof)
-        half, half_joint = (quantiles * sigma).tolist()
+        dof = max(effective_count(share) - 1.0, 1.0)
+        sigma = float("inf") if lost else float(np.sqrt(variance))
+        half, half_joint = (student(level, dof) * sigma for level in (0.95, 1.0 - 0.05 / count))
         estimates[name] = Estimate(value=float(value), half=half, half_joint=half_joint)
     together = _groups(inverse, blind, [names[i] for i in use])
     return Assessment(estimates, float(values[-1] / max(values[0], 1e-300)), together)
+
+
+def _least(information: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """Shortest solutions of normal equations with directions without information."""
+    return np.stack([np.linalg.lstsq(h, u, rcond=_RANK)[0] for h, u in zip(information, score, strict=True)])
 
 
 def _slopes(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,13 +23,16 @@ from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexpla
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.fit import FitResult, fit_holding, made_motion, misfit
 from mrwarp.identify.intervals import Estimate
-from mrwarp.identify.least_squares import Quadratic, Rules, leave_out, minimise, ridge_solve
 from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, Slot, factor_of, jacobian, row_column, simulate
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay, null_row
 from mrwarp.model_file import Effect, Model, Parameter, effect_unit
 from mrwarp.params import BoucWenParams
 from mrwarp.recording.load import Holding, Recording
+from mrwarp.sysid.jackknife import jackknife, student
+from mrwarp.sysid.least_squares import Rules, minimise, ridge_solve
+from mrwarp.sysid.left_out import predicted
+from mrwarp.sysid.pieces import Pieces, Quadratic
 
 _STARTS_ON = 12_000
 """Samples on which starts are searched."""
@@ -65,7 +68,7 @@ class Solution:
     @cached_property
     def _left_out(self) -> tuple[np.ndarray, np.ndarray]:
         columns = [*self.free, -1]
-        return leave_out(self.parts[:, columns][:, :, columns])
+        return predicted(Pieces.of_grams(self.parts[:, columns][:, :, columns]))
 
     @property
     def moves(self) -> np.ndarray:
@@ -144,11 +147,11 @@ class LawSearch:
     def descend(self, layout: Parameters, x: np.ndarray, rules: Rules = _RULES) -> Solution:
         """The nearest optimum within the bounds."""
         low, high = self.bounds(layout)
-        x, best = minimise(
+        found = minimise(
             lambda y: self.evaluate(layout, y), x, low, high, reach=layout.reach(1.0, 1.0), rules=rules,
-            loss=lambda y: self.loss(layout, y),
+            seen=lambda y, here: replace(here, loss=self.loss(layout, y)),
         )  # fmt: skip
-        torque, parts = best.content
+        x, (torque, parts) = found.x, found.quadratic.content
         return Solution(layout, x, torque, parts, np.flatnonzero((x > low + 1e-9) & (x < high - 1e-9)))
 
     def starts(self, layout: Parameters) -> list[np.ndarray]:
@@ -328,10 +331,8 @@ def outer_numbers(
     count = len(best.parts)
     half = np.full(len(best.x), np.inf)
     if count > 2:
-        spread = best.moves - best.moves.mean(axis=0)
-        sigma = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
-        half[best.free] = float(stats.t.ppf(0.975, count - 1)) * sigma
-    wide = float(stats.t.ppf(1 - 0.025 / len(best.x), max(count - 1, 1)) / stats.t.ppf(0.975, max(count - 1, 1)))
+        half[best.free] = student(0.95, count - 1) * np.sqrt(np.diag(jackknife(best.moves)))
+    wide = student(1.0 - 0.05 / len(best.x), max(count - 1, 1)) / student(0.95, max(count - 1, 1))
     factors = {"K0": scales.torque, "K1": scales.torque / scales.current}
     estimates = {}
     for i, name in enumerate(LINEAR):

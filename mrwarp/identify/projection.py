@@ -17,8 +17,11 @@ import numpy as np
 
 from mrwarp.identify.checks.lone_samples import find_spikes
 from mrwarp.identify.dataset import Dataset
-from mrwarp.identify.least_squares import Quadratic, Rules, bounded_solve, leave_out, minimise
+from mrwarp.identify.normal_equations import bounded_solve
 from mrwarp.identify.replay import Replay
+from mrwarp.sysid.least_squares import Rules, minimise
+from mrwarp.sysid.left_out import predicted
+from mrwarp.sysid.pieces import Pieces, Quadratic
 
 _STEP = 1e-2
 """Step of the central differences in (logarithmic) shape parameters: truncation and float32 noise both below 1e-4."""
@@ -118,7 +121,8 @@ class Projection:
         """Levenberg-Marquardt within the bounds, from ``theta`` to the nearest minimum."""
         s = self.structure
         rules = replace(_RULES, iterations=iterations, gained=lambda gain, loss: gain < tolerance * loss)
-        return minimise(lambda x: _reduced(self.evaluate(x)), theta, s.low, s.high, reach=1.5, rules=rules)[1].content
+        found = minimise(lambda x: _reduced(self.evaluate(x)), theta, s.low, s.high, reach=1.5, rules=rules)
+        return found.quadratic.content
 
     def starts(self, count: int) -> list[np.ndarray]:
         """The best starting values of the grid, no two of them neighbours."""
@@ -218,7 +222,7 @@ def held_out_ratio(structure: Structure, point: Point, trajectories: int) -> flo
     into = np.eye(clusters.shape[1])
     into[:size, -1] = -point.linear  # the last column becomes the mismatch
     parts = into.T @ clusters @ into
-    _, losses = leave_out(parts[:, free][:, :, free])
+    _, losses = predicted(Pieces.of_grams(parts[:, free][:, :, free]))
     return float(np.sqrt(losses.sum() / max(float(parts[:, -1, -1].sum()), 1e-300)))
 
 

@@ -6,7 +6,7 @@ import pytest
 from mrwarp.diagnose.next_experiment import smallest_sizes
 from mrwarp.diagnose.problem import threshold
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.least_squares import losses
+from mrwarp.identify.normal_equations import losses
 from tests.diagnose import known
 
 ALL = [name for name, law in CATALOGUE.items() if law.kind != "calibration"]

@@ -9,8 +9,8 @@ from scipy.stats import t as student
 
 from mrwarp.diagnose.problem import covariance, interval
 from mrwarp.identify.dataset import Dataset, Scales
-from mrwarp.identify.least_squares import NormalEquations
 from mrwarp.identify.noise import Noise
+from mrwarp.identify.normal_equations import NormalEquations
 from tests.diagnose import known
 
 TRUE = np.array([1.0, -2.0, 0.5])

@@ -7,7 +7,7 @@ import pytest
 
 from mrwarp.identify.dataset import Dataset, Motion, Scales
 from mrwarp.identify.fit import BoucWenStructure
-from mrwarp.identify.least_squares import bounded_solve
+from mrwarp.identify.normal_equations import bounded_solve
 from mrwarp.identify.projection import Projection
 from mrwarp.identify.replay import EffectReplay, Replay, null_row, simulate
 from mrwarp.recording.load import Recording, Trajectory

@@ -10,8 +10,8 @@ import numpy as np
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.identify.checks.lone_samples import beside_spikes, far_off, find_spikes
-from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.recording.data import Recording
+from mrwarp.sysid.least_squares import ridge_solve
 
 _ROUNDS = 8
 """Regressions at most, each without what was far off in the one before."""

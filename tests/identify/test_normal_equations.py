@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mrwarp.identify.dataset import Dataset, Scales
-from mrwarp.identify.least_squares import NormalEquations, Quadratic, losses, minimise, ridge_solve
 from mrwarp.identify.noise import Noise
+from mrwarp.identify.normal_equations import NormalEquations, losses
 
 RUNS, COUNT, COLUMNS = 5, 60, 4
 FILTER = np.array([1.0, -0.5, 0.2])
@@ -130,52 +130,3 @@ def test_useless_column_gains_nothing_left_out(table: tuple) -> None:
         assert inside[1] < inside[0]
         added.append(outside[1] - outside[0])
     assert 0.3 < np.mean(added) < 2.5
-
-
-def test_ridge_solve_is_scale_free() -> None:
-    """Columns of sizes 1e-6 and 1e6 and a stack of systems are solved as each alone in units of its own."""
-    rng = np.random.default_rng(3)
-    x = rng.normal(size=(3, 50, 4))
-    b = rng.normal(size=(3, 50))
-    scale = np.array([1.0, 1e-6, 1e6, 1.0])
-    gram, moment = np.einsum("tni,tnj->tij", x * scale, x * scale), np.einsum("tni,tn->ti", x * scale, b)
-    found = ridge_solve(gram, moment)
-    for k in range(3):
-        want = np.linalg.lstsq(x[k], b[k], rcond=None)[0] / scale
-        np.testing.assert_allclose(found[k], want, rtol=1e-5)
-        np.testing.assert_allclose(found[k], ridge_solve(gram[k], moment[k]), rtol=1e-12)
-
-
-def test_ridge_solve_survives_a_column_twice() -> None:
-    """Two equal columns share their coefficient; a column of zeros gets none."""
-    x = np.random.default_rng(4).normal(size=(50, 1))
-    table = np.column_stack([x, x, 0.0 * x])
-    found = ridge_solve(table.T @ table, table.T @ (3.0 * x[:, 0]))
-    np.testing.assert_allclose(found, [1.5, 1.5, 0.0], atol=1e-5)
-
-
-def test_derivatives_are_asked_for_at_better_points_only() -> None:
-    """With a loss that is looked at first the search takes the same steps to the same end; worse points cost that."""
-
-    def about(x: np.ndarray) -> Quadratic:  # too long a first step: the slope of arctan falls with x
-        slope = 1.0 / (1.0 + x**2)
-        return Quadratic(loss(x), np.diag(slope**2), -slope * np.arctan(x))
-
-    def loss(x: np.ndarray) -> float:
-        return float(np.arctan(x) @ np.arctan(x))
-
-    asked: list[tuple[float, float]] = []
-
-    def counted(x: np.ndarray) -> Quadratic:
-        found = about(x)
-        asked.append((found.loss, min([y for y, _ in asked], default=np.inf)))
-        return found
-
-    bounds = np.full(2, -50.0), np.full(2, 50.0)
-    every, _ = minimise(counted, np.array([2.0, 3.0]), *bounds)
-    worse = [a for a, best in asked if a >= best]
-    assert worse
-    count, asked[:] = len(asked), []
-    found, _ = minimise(counted, np.array([2.0, 3.0]), *bounds, loss=loss)
-    np.testing.assert_array_equal(found, every)
-    assert all(a < best for a, best in asked) and len(asked) == count - len(worse)

@@ -1,0 +1,40 @@
+"""A plant of twenty lines whose truth is known: a spring with friction, runs with a zero of their own."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrwarp.sysid.pieces import Pieces, without_nuisances
+
+NOISE, ZEROS = 0.05, 0.2
+"""Standard deviations of the reading and of a run's zero [N]."""
+
+LAWS = {"softer": lambda q, v: q, "coulomb": lambda q, v: np.sign(v), "viscous": lambda q, v: v}
+"""Force per unit of each cause: they are linear, so that least squares has a closed form."""
+
+
+@dataclass
+class Spring:
+    """Force read over motions at several paces; ``truth`` are sizes of the causes."""
+
+    truth: dict[str, float]
+    seed: int = 0
+    runs: int = 12
+    rows: list[np.ndarray] = field(init=False)
+    """Of each run [laws, mismatch of the described spring], shape (4, N), in units of the noise."""
+
+    def __post_init__(self) -> None:
+        rng, self.rows, t = np.random.default_rng(self.seed), [], np.linspace(0.0, 2.0 * np.pi, 200)
+        for pace in rng.uniform(0.5, 2.0, self.runs):
+            q, v = np.sin(t), pace * np.cos(t)
+            laws = np.stack([law(q, v) for law in LAWS.values()])
+            force = sum(self.truth.get(name, 0.0) * row for name, row in zip(LAWS, laws, strict=True))
+            force = force + rng.normal(0.0, ZEROS) + rng.normal(0.0, NOISE, len(t))
+            self.rows.append(np.vstack([laws, force]) / NOISE)
+
+    def pieces(self, causes: list[str]) -> Pieces:
+        """The runs' quadratic forms in the sizes of some causes, their zeros removed."""
+        use = [*(list(LAWS).index(name) for name in causes), len(LAWS)]
+        tables = [np.vstack([x[use], np.full((1, x.shape[1]), 1.0 / NOISE)]) for x in self.rows]
+        grams = np.stack([x @ x.T for x in tables])
+        return Pieces.of_grams(without_nuisances(grams, len(use), 1.0 / ZEROS**2)[0])
