@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from mrwarp.robot_logs.causes import Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, fit, replayed, within
+from mrwarp.robot_logs.evidence import Evidence, fit, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_diagnosis import FIT_SECONDS
 from mrwarp.robot_logs.robot_log import load_log
@@ -24,6 +24,7 @@ from mrwarp.robot_logs.selection import bounds_of, healthy
 from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, Hidden
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.windows import Windows, cut_windows
+from mrwarp.sysid.least_squares import minimum_within
 
 TOLERANCE = 0.1
 """Share of a level that a size may lack."""
@@ -74,8 +75,8 @@ class HealthyLog:
 
     def _refitted(self, about: Evidence, low: np.ndarray, high: np.ndarray) -> float:
         """Weighted squared error that is left within bounds [1]; numbers that these hold are no healthy robot's."""
-        prior = healthy(self.parameters) * about.scale
-        x, _ = within(about.a.sum(axis=0) + prior, about.b.sum(axis=0), low, high)
+        prior, (information, score) = healthy(self.parameters) * about.scale, about.sums()
+        x, _ = minimum_within(information + prior, score, low, high)
         own = np.where(low == high, 0.0, x)
         return about.at(x) + float(own @ prior @ own)
 

@@ -17,6 +17,8 @@ from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances, side_by_side
 from mrwarp.robot_logs.windows import Windows
+from mrwarp.sysid.least_squares import Rules, minimise
+from mrwarp.sysid.pieces import Pieces, Quadratic, about_origin
 
 ROUNDS = 4
 """Times that channels are weighed again by their rest."""
@@ -26,6 +28,9 @@ TRUSTED = 0.5
 
 RENEWED = 1
 """Times that a fit takes new derivatives on its way: they cost as much as a hundred steps."""
+
+TRIALS = 5
+"""Points that are looked at for each better one."""
 
 CONVERGED = 2.0
 """Gain of a step, in units of twice the logarithm of a likelihood, below which a fit ends."""
@@ -44,15 +49,9 @@ a robot at rest smaller errors would be blamed on causes."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence:
+class Evidence(Pieces):
     """Quadratic forms of W windows in the P parameters, about the origin of the parameters."""
 
-    a: np.ndarray
-    """Information, shape (W, P, P)."""
-    b: np.ndarray
-    """Score at the origin, shape (W, P)."""
-    c: np.ndarray
-    """Weighted squared mismatch at the origin, shape (W,)."""
     weight: np.ndarray
     """By which each window counts in these, shape (W,)."""
     scale: float
@@ -72,21 +71,21 @@ class Evidence:
 
     def at(self, theta: np.ndarray) -> float:
         """Weighted squared mismatch at parameters, as the derivatives have it [1]."""
-        a, b = self.a.sum(axis=0), self.b.sum(axis=0)
-        return float(self.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
+        return float(self.left(theta).sum())
 
-    def by_window(self, theta: np.ndarray) -> np.ndarray:
-        """Rest of each window, shape (W,)."""
-        return left_at(theta, self.a, self.b, self.c)
+    def likelihood(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information, (P, P), and score, (P,), of all windows, in units of a likelihood."""
+        information, score = self.sums()
+        return information / self.scale, score / self.scale
 
     def sized(self, x: np.ndarray, members: Sequence[int], low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Parameters with ``members`` as many times as large as the derivatives ask for, within bounds; shapes (P,)."""
         part = np.zeros(len(x))
         part[members] = x[members]
-        a, pull = self.a.sum(axis=0), self.b.sum(axis=0) @ part
+        whole, score = self.sums()
         rest, new = x - part, x.copy()
-        information = part @ a @ part
-        times = (pull - part @ a @ rest) / information if information > 0.0 else 1.0
+        information = part @ whole @ part
+        times = part @ (score - whole @ rest) / information if information > 0.0 else 1.0
         new[members] = np.clip(times * x[members], low[members], high[members])
         return new
 
@@ -94,13 +93,9 @@ class Evidence:
         """Evidence on some of the parameters, the others as described."""
         k = list(free)
         return replace(
-            self, a=self.a[:, k][:, :, k], b=self.b[:, k], slopes=tuple(replace(x, j=x.j[:, k]) for x in self.slopes)
-        )
-
-
-def left_at(theta: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Weighted squared mismatch of windows by their quadratic forms, see :class:`Evidence`; shape (W,)."""
-    return c - 2.0 * b @ theta + np.einsum("wij,i,j->w", a, theta, theta)
+            self, information=self.information[:, k][:, :, k], score=self.score[:, k],
+            slopes=tuple(replace(x, j=x.j[:, k]) for x in self.slopes),
+        )  # fmt: skip
 
 
 def gather(
@@ -133,15 +128,14 @@ def gather(
         return {name: np.maximum(x, least.get(name, 0.0)) for name, x in (_rms(slopes, rows) | alone).items()}
 
     sigma = left(rows)
-    a = b = c = weight = np.zeros(0)
-    keep = np.ones(0, dtype=bool)
     prior = np.diag([1.0 / (p.spread**2 + p.fault**2) for p in parameters])
     distinct = np.concatenate([w.distinct for w in groups])
+    pieces, weight, keep = Pieces.of_grams(np.zeros((0, 1, 1))), np.zeros(0), np.ones(0, dtype=bool)
     for round_ in range(ROUNDS):
-        pieces = [x.reduced(r, sigma) for x, r in zip(slopes, rows, strict=True)]
-        a, b, c = (np.concatenate([p[i] for p in pieces]) for i in range(3))
-        b, c = _to_origin(a, b, c, theta)
-        best, weight, keep = _weighed(a, b, c, prior, distinct)
+        forms = [x.reduced(r, sigma) for x, r in zip(slopes, rows, strict=True)]
+        a, b, c = (np.concatenate([form[i] for form in forms]) for i in range(3))
+        pieces = about_origin(Pieces(information=a, score=b, square=c), theta)
+        best, weight, keep = _weighed(pieces, prior, distinct)
         if round_ == ROUNDS - 1:
             break
         counts = np.split(keep, np.cumsum([w.count for w in groups])[:-1])
@@ -149,9 +143,9 @@ def gather(
     run = np.concatenate([w.run for w in groups])
     samples = round(sum(w.t.shape[1] * w.distinct.sum() for w in groups))
     weight = (weight * distinct)[keep]
-    a, b, c, run = weight[:, None, None] * a[keep], weight[:, None] * b[keep], weight * c[keep], run[keep]
+    pieces = pieces.some(keep).times(weight)
     return Evidence(
-        a=a, b=b, c=c, weight=weight, scale=_overstated(a, b, prior), sigma=sigma, run=run,
+        **vars(pieces), weight=weight, scale=_overstated(pieces, prior), sigma=sigma, run=run[keep],
         samples=samples, lost=int((~keep).sum()), slopes=tuple(slopes), keep=keep,
     )  # fmt: skip
 
@@ -165,7 +159,7 @@ def replayed(
         It, and the evidence about ``theta`` with the slopes and weights of ``evidence``.
     """
     score, total = [], []
-    every = np.tile(theta, (len(evidence.c), 1))
+    every = np.tile(theta, (len(evidence.square), 1))
     for slopes, (own, left) in zip(evidence.slopes, _kept(evidence, model, groups, parameters, every), strict=True):
         sigma = slopes.scale(evidence.sigma)
         for w, r in zip(own, left, strict=True):
@@ -177,9 +171,8 @@ def replayed(
     b, c = evidence.weight[:, None] * np.array(score, dtype=float), evidence.weight * np.array(total)
     if not np.isfinite(c).all():
         return np.inf, evidence
-    b, c = _to_origin(evidence.a, b, c, theta)
-    moved = replace(evidence, b=b, c=c)
-    return moved.at(theta), moved
+    moved = about_origin(replace(evidence, score=b, square=c), theta)
+    return float(c.sum()), moved
 
 
 def losses(
@@ -260,29 +253,6 @@ def _kept(
         done += len(own)
 
 
-def within(
-    information: np.ndarray, score: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Minimum of ``x.information.x/2 - score.x`` within bounds, and whether each number is held at one; shapes (P,)."""
-    free = np.ones(len(score), dtype=bool)
-    x = np.zeros(len(score))
-    for _ in range(30):
-        if free.any():
-            rest = score[free] - information[np.ix_(free, ~free)] @ x[~free]
-            x[free] = np.linalg.solve(information[np.ix_(free, free)], rest)
-        out = free & ((x < low) | (x > high))
-        x = np.clip(x, low, high)
-        if out.any():
-            free &= ~out
-            continue
-        pull = score - information @ x  # a number that is held, but drawn inwards, is let go
-        inwards = ~free & (low < high) & np.where(x <= low, pull > 1e-9, pull < -1e-9)
-        if not inwards.any():
-            break
-        free |= inwards
-    return x, ~free
-
-
 def fit(
     model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray,
     evidence: Evidence | None, prior: np.ndarray, low: np.ndarray, high: np.ndarray, log: Callable[[str], None], *,
@@ -294,33 +264,35 @@ def fit(
     promise; ``renew`` times they are taken again. Returned are parameters, shape (P,), the evidence about them, and
     whether its derivatives are of there.
     """
-    damping, fresh = 1e-3, True
-    evidence = evidence or gather(model, groups, parameters, theta, log)
-    for _ in range(steps):
-        a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
-        here = evidence.at(theta) / evidence.scale + theta @ prior @ theta
-        there, new, moved = np.inf, theta, evidence
-        for _ in range(5):
-            more = damping * np.diag(np.diag(a + prior))
-            new, _ = within(a + prior + more, b + more @ theta, low, high)
-            there, moved = replayed(evidence, model, groups, parameters, new)
-            there = there / evidence.scale + new @ prior @ new
-            if there < here:
-                break
-            damping *= 10.0
-        better = there < here
-        expected = here - (evidence.at(new) / evidence.scale + new @ prior @ new)
-        if better:
-            theta, evidence, fresh, damping = new, moved, False, max(damping / 10.0, 1e-6)
-            if here - there < CONVERGED:
-                break
-        if not better or here - there < TRUSTED * expected:  # derivatives from too far away
-            if renew and not (fresh and not better):
-                evidence, fresh, damping = gather(model, groups, parameters, theta, log), True, 1e-3
-                renew -= 1
-            elif not better:
-                break
-    return theta, evidence, fresh
+
+    def quadratic(theta: np.ndarray, seen: Evidence, loss: float) -> Quadratic:
+        a, b = seen.likelihood()
+        value = loss / seen.scale + theta @ prior @ theta
+        return Quadratic(float(value), a + prior, b - (a + prior) @ theta, seen)
+
+    def about(theta: np.ndarray) -> Quadratic:
+        new = gather(model, groups, parameters, theta, log)
+        return quadratic(theta, new, new.at(theta))
+
+    def seen(theta: np.ndarray, here: Quadratic) -> Quadratic:
+        loss, moved = replayed(here.content, model, groups, parameters, theta)
+        return quadratic(theta, moved, loss)
+
+    rules = Rules(
+        iterations=TRIALS * steps,
+        steps=steps,
+        damping=1e-3,
+        increase=10.0,
+        most=30.0,
+        least=1e-6,
+        predicted=lambda promised, loss: False,
+        gained=lambda gain, loss: gain < CONVERGED,
+        stale=lambda gain, promised: CONVERGED <= gain < TRUSTED * promised,
+        renewals=renew,
+    )
+    start = None if evidence is None else quadratic(theta, evidence, evidence.at(theta))
+    found = minimise(about, theta, low, high, rules=rules, seen=seen, start=start)
+    return found.x, found.quadratic.content, found.fresh
 
 
 def _mismatch(replay: Replay, parameters: list[Parameter], theta: np.ndarray, own: np.ndarray) -> np.ndarray:
@@ -386,35 +358,28 @@ def _best_start(z: np.ndarray, r: np.ndarray) -> np.ndarray:
     return np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)
 
 
-def _to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scores and mismatches about the origin, of those about ``theta``; shapes (W, P), (W,)."""
-    return b + a @ theta, c + 2.0 * b @ theta + np.einsum("wij,i,j->w", a, theta, theta)
-
-
-def _weighed(
-    a: np.ndarray, b: np.ndarray, c: np.ndarray, prior: np.ndarray, distinct: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _weighed(pieces: Pieces, prior: np.ndarray, distinct: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Best parameters, (P,); weights of windows, (W,); and whether the mismatch of each there is of the usual size.
 
     ``distinct`` is each window's share of those that repeat each other; weights are without it.
     """
-    keep, weight = np.isfinite(c), np.ones(len(c))
+    keep, weight = np.isfinite(pieces.square), np.ones(len(pieces.square))
     best = np.zeros(len(prior))
     for _ in range(ROUNDS):
         own = weight * keep * distinct
-        best = np.linalg.solve(np.einsum("w,wpq->pq", own, a) + prior, own @ b)
-        left = left_at(best, a, b, c)
+        information = np.einsum("w,wpq->pq", own, pieces.information)
+        best = np.linalg.solve(information + prior, own @ pieces.score)
+        left = pieces.left(best)
         usual = float(np.median(left))
         keep = np.isfinite(left) & (left < WORST**2 * usual)
         weight = np.minimum(usual / np.maximum(left, 1e-12), 1.0)
     return best, weight, keep
 
 
-def _overstated(a: np.ndarray, b: np.ndarray, prior: np.ndarray) -> float:
+def _overstated(pieces: Pieces, prior: np.ndarray) -> float:
     """How much larger the scores' spread over windows is than their information says, in the median [1]."""
-    total = a.sum(axis=0)
-    best = np.linalg.solve(total + prior, b.sum(axis=0))
-    scores = b - a @ best
+    total, score = pieces.sums()
+    scores = pieces.score - pieces.information @ np.linalg.solve(total + prior, score)
     known = np.diag(total) > 1e-9 * np.diag(total).max()
     ratio = (scores**2).sum(axis=0)[known] / np.diag(total)[known]
     return float(max(np.median(ratio), 1.0))

@@ -13,7 +13,7 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked, likely
-from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
+from mrwarp.diagnose.result import Error, Suspect, Value
 from mrwarp.robot_logs.causes import ORDINARY, OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
@@ -37,6 +37,9 @@ from mrwarp.robot_logs.selection import (
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows, cut_windows
+from mrwarp.sysid.jackknife import student, sum_and_error
+from mrwarp.sysid.left_out import in_a_row, predicted
+from mrwarp.sysid.verdict import VERDICTS
 
 FIT_SECONDS, SECONDS = 10.0, 60.0
 """Parts of a log by which the robot is fitted step by step, and from which causes are reported [s]; logs of up to
@@ -46,11 +49,6 @@ WHOLE = 15.0
 
 NOT_PREDICTED = "pieces of the log that took no part are not clearly predicted better with it"
 NOT_CLEAR = "its interval includes sizes that healthy robots have"
-
-VERDICTS: dict[tuple[bool, bool], Verdict] = {
-    (False, False): "none", (True, False): "named", (False, True): "unexplained", (True, True): "named_and_unexplained",
-}  # fmt: skip
-"""By whether there are causes, and something that none explains."""
 
 
 def robot_of(log: RobotLog, robot: str | None) -> Path:
@@ -169,7 +167,7 @@ def diagnose_log(
     beliefs = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in rejected)])
     suspects, both = [], [*found, *rejected]
     for f in (f for f in rejected if f.direction.cause not in OUTSIDE):
-        about = sizes(evidence, parameters, [f.direction for f in both], *wide)
+        about = sizes(evidence.likelihood(), parameters, [f.direction for f in both], *wide)
         c = _named(f, both, replace(size, size=about, lone=about), evidence, parameters, beliefs)
         reason = NOT_CLEAR if f in unclear else NOT_PREDICTED
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
@@ -330,11 +328,11 @@ def _place(direction: Direction, here: str) -> str:
 
 def _on_windows_of(evidence: Evidence, near: Evidence, free: list[int]) -> Evidence:
     """Evidence of ``near`` on its ``free`` parameters, in the shapes of ``evidence``; without windows it left out."""
-    a, b = np.zeros_like(evidence.a), np.zeros_like(evidence.b)
+    a, b = np.zeros_like(evidence.information), np.zeros_like(evidence.score)
     here, there = np.flatnonzero(near.keep[evidence.keep]), np.flatnonzero(evidence.keep[near.keep])
     own = np.array(free, dtype=int)
-    a[np.ix_(here, own, own)], b[np.ix_(here, own)] = near.a[there], near.b[there]
-    return replace(evidence, a=a, b=b, scale=near.scale)
+    a[np.ix_(here, own, own)], b[np.ix_(here, own)] = near.information[there], near.score[there]
+    return replace(evidence, information=a, score=b, scale=near.scale)
 
 
 def _held_out(
@@ -349,19 +347,21 @@ def _held_out(
         Reduction of the weighted error from each window's best start, with its interval over parts; and errors before
         and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
     """
-    theta = np.zeros((2, len(evidence.c), len(parameters)))
-    parts = np.array_split(np.arange(len(evidence.c)), PARTS)
-    for part in parts:
-        rest = np.setdiff1d(np.arange(len(evidence.c)), part)
-        for k, (released, near, bounds) in enumerate(fits):
-            theta[k, part] = sizes(replace(near, a=near.a[rest], b=near.b[rest]), parameters, released, *bounds)
-    both = [losses(evidence, model, groups, parameters, x) for x in theta]
+    parts, both = in_a_row(len(evidence.square), PARTS), []
+    for released, near, bounds in fits:
+
+        def solve(a: np.ndarray, b: np.ndarray, released=released, near=near, bounds=bounds) -> np.ndarray:  # noqa: ANN001
+            each = zip(a / near.scale, b / near.scale, strict=True)
+            return np.stack([sizes(x, parameters, released, *bounds) for x in each])
+
+        theta, _ = predicted(near, parts, solve)
+        both.append(losses(evidence, model, groups, parameters, theta))
     whole = np.isfinite(both[0][0]) & np.isfinite(both[1][0])  # a replay that broke has no error to compare
     channels = sum(len(x) for x in evidence.sigma.values())
     samples = channels * np.mean([w.t.shape[1] for w in groups])
     by_part = np.array([[loss[part[whole[part]]].sum() for loss, _ in both] for part in parts if whole[part].any()])
     each = 1.0 - np.sqrt(by_part[:, 1] / np.maximum(by_part[:, 0], 1e-12))
-    half = stats.t.ppf(0.975, max(len(each) - 1, 1)) * each.std(ddof=1) / np.sqrt(len(each))
+    half = student(0.95, max(len(each) - 1, 1)) * sum_and_error(each)[1] / len(each)
     total = np.sqrt(by_part.sum(axis=0) / (whole.sum() * samples))
     value = float(1.0 - total[1] / max(total[0], 1e-12))
     errors = {"all": (float(total[0]), float(total[1]))}

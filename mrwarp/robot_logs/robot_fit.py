@@ -245,7 +245,7 @@ def _loudest(
     """
     low, high = bounds_of(parameters)
     usual = healthy(parameters)
-    a = described.a.sum(axis=0)
+    a, _ = described.sums()
     directions = [d for d in directions_of(parameters) if d.cause != SESSION]
     # a session's numbers, fitted without the change, have taken up what they can of it: they follow
     session = np.array([p.of_session and model.free for p in parameters])
@@ -287,7 +287,7 @@ def _loudest(
 
     (here,) = seen(theta)
     for pick in range(PICKS):
-        pull = replayed(described, model, groups, parameters, theta)[1].b.sum(axis=0) - a @ theta
+        pull = replayed(described, model, groups, parameters, theta)[1].sums()[1] - a @ theta
         score = changes @ pull
         tried: list[tuple[np.ndarray, Direction, float]] = []
         loud = np.argsort(-(score**2) / information)[:LOUD].tolist()

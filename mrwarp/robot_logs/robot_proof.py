@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy import stats
 
 from mrwarp.robot_logs.causes import ORDINARY, Parameter
-from mrwarp.robot_logs.evidence import Evidence, fit, left_at, losses, replayed, within
+from mrwarp.robot_logs.evidence import Evidence, fit, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.selection import (
     LEAST_SHARE,
@@ -29,10 +27,10 @@ from mrwarp.robot_logs.selection import (
     wider_than,
 )
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows
-
-BY_CHANCE, NEARLY_ALL = 5e-5, 0.85
-"""Largest chance that windows agree as much on a cause that explains nothing, by Wilcoxon's signed ranks: one in a
-hundred over 200 causes and places. Few windows cannot reach it: there, this share of the score that they can reach."""
+from mrwarp.sysid.certainty import agreement, clearness
+from mrwarp.sysid.elimination import eliminated
+from mrwarp.sysid.least_squares import minimum_within
+from mrwarp.sysid.left_out import in_a_row, predicted
 
 ACTS = 0.05
 """A window has a say on a cause where it holds this share of the mean window's information on it: a coil that was not
@@ -68,8 +66,8 @@ def cross_validated(
     """Causes without which pieces of the log that took no part are predicted worse, and the others."""
 
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
-        loss = _foretold(evidence, parameters, found, None)
-        return [_foretold(evidence, parameters, found, one) - loss for one in tried]
+        loss = _predicted(evidence, parameters, found, None)
+        return [_predicted(evidence, parameters, found, one) - loss for one in tried]
 
     return _certain(found, without, evidence, parameters)
 
@@ -88,9 +86,9 @@ def by_replay(
         about, base, least, left = evidence, fitted, -np.inf, []
         for one in (None, *tried):
             q, low, high = _without(parameters, found, one)
-            a, b = about.a.sum(axis=0) / about.scale, about.b.sum(axis=0) / about.scale
+            a, b = about.likelihood()
             # where derivatives say, or without the cause alone: the better one, for derivatives may lead far astray
-            starts = within(a + q, b, low, high)[0], np.clip(base, low, high)
+            starts = minimum_within(a + q, b, low, high)[0], np.clip(base, low, high)
             seen = [replayed(evidence, model, groups, parameters, x) for x in starts]
             worth = [value / evidence.scale + float(x @ q @ x) for x, (value, _) in zip(starts, seen, strict=True)]
             begin = int(np.argmin(worth))
@@ -100,10 +98,10 @@ def by_replay(
                     model, groups, parameters, theta, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
                 )
             if not np.isfinite(worth[begin]):
-                each = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.c), 1)))[0]
+                each = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.square), 1)))[0]
                 each = evidence.weight * each
             else:
-                each = here.by_window(theta)
+                each = here.left(theta)
             if one is None:
                 about, base, least = here, theta, float(each.sum() / evidence.scale + theta @ q @ theta)
             left.append(each + evidence.scale * float(theta @ q @ theta) / len(each))
@@ -121,19 +119,20 @@ def clear_ones(
 
     ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
     """
-    found, rejected = list(found), []
-    while True:
-        size, near = alone(found)
+    fits: dict[int, tuple[Sizes, Evidence]] = {}
+
+    def certainty(found: list[Found]) -> list[float]:
+        size, _ = fits[len(found)] = alone(found)
         released = [f.direction for f in found]
         now, clear = posterior(evidence, parameters, released), []
         for d in released:
             own, half = size.of(d, released, now, parameters)
             own -= common(d, released, size.size)
-            beyond = abs(own - np.clip(own, *parameters[d.members[0]].usual))
-            clear.append(float(beyond / half))
-        if not found or min(clear) > 1.0:
-            return found, rejected, size, near
-        rejected.append(found.pop(int(np.argmin(clear))))
+            clear.append(clearness(own, half, parameters[d.members[0]].usual))
+        return clear
+
+    found, rejected = eliminated(found, certainty)
+    return found, rejected, *(fits.get(len(found)) or alone(found))
 
 
 def _certain(
@@ -149,68 +148,53 @@ def _certain(
     first, and those that were not certain with it are tried again. ``limbs``, by place, do not move each other: of
     each one goes at a time.
     """
-    found, tried, rejected = list(found), list(found), []
-    while tried:
-        certain = []
-        for f, gain in zip(tried, without(found, tried), strict=True):
+    sure: list[Found] = []
+
+    def certainty(found: list[Found]) -> list[float]:
+        tried = [f for f in found if f not in sure]
+        certain = dict.fromkeys(map(id, sure), np.inf)
+        for f, gain in zip(tried, without(found, tried) if tried else (), strict=True):
             share = float(gain.sum()) / (evidence.samples * len(f.direction.members))
-            certain.append(min(_agreement(gain[_acting(f.direction, evidence, parameters)]), share / LEAST_SHARE))
-        least: dict[str, int] = {}
-        for k in (k for k in np.argsort(certain).tolist() if certain[k] < 1.0):
-            least.setdefault(limbs.get(tried[k].direction.where, ""), k)
-        if not least:
-            break
+            certain[id(f)] = min(agreement(gain[_acting(f.direction, evidence, parameters)]), share / LEAST_SHARE)
+            if certain[id(f)] >= 1.0:
+                sure.append(f)
+        return [certain[id(f)] for f in found]
+
+    def of_each_limb(weakest: list[Found]) -> list[Found]:
+        least: dict[str, Found] = {}
+        for f in weakest:
+            least.setdefault(limbs.get(f.direction.where, ""), f)
         first, *others = least
-        gone = [least[first], *(least[limb] for limb in others if first and limb)]
-        for f in (tried[k] for k in gone):
-            found.remove(f)
-            rejected.append(f)
-        tried = [f for k, f in enumerate(tried) if certain[k] < 1.0 and k not in gone]
-    return found, rejected
+        return [least[first], *(least[limb] for limb in others if first and limb)]
+
+    return eliminated(found, certainty, together=of_each_limb)
 
 
 def _acting(d: Direction, evidence: Evidence, parameters: list[Parameter]) -> np.ndarray:
     """Windows that have a say on a direction, shape (N,)."""
     change = vector(d, parameters)[list(d.members)]
-    own = evidence.a[:, list(d.members)][:, :, list(d.members)]
+    own = evidence.information[:, list(d.members)][:, :, list(d.members)]
     information = np.einsum("wij,i,j->w", own, change, change)
     enough = np.sort(information)[-min(LEAST_WINDOWS, len(information))]
     return np.flatnonzero(information >= min(ACTS * information.mean(), enough))
 
 
-def _agreement(gain: np.ndarray) -> float:
-    """Wilcoxon's signed-rank score over windows, whose gains differ by orders of magnitude, in what is needed of it."""
-    ranks = stats.rankdata(np.abs(gain))
-    return float((np.sign(gain) * ranks).sum() / max(np.sqrt((ranks**2).sum()), 1e-12)) / _needed(len(gain))
-
-
-@functools.cache
-def _needed(count: int) -> float:
-    """Score for :data:`BY_CHANCE` of so many windows, by the exact distribution: a normal one has longer tails."""
-    chance = np.ones(1)  # of each sum of the ranks that gain
-    for rank in range(1, count + 1):
-        without = np.pad(chance, (0, rank))
-        chance = 0.5 * (without + np.roll(without, rank))
-    most, spread = 0.5 * count * (count + 1), float(np.sqrt(count * (count + 1) * (2 * count + 1) / 6.0))
-    rare = np.flatnonzero(np.cumsum(chance[::-1])[::-1] <= BY_CHANCE)
-    return min(float(2 * rare[0] - most) / spread if len(rare) else np.inf, NEARLY_ALL * most / spread)
-
-
-def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None) -> np.ndarray:
+def _predicted(
+    evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None
+) -> np.ndarray:
     """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description.
 
     With it each window's part of what the parameters are unlikely by: twelve drives that all settle far from their
     commands predict a log of a heavier trunk as well as its mass does.
     """
     q, low, high = _without(parameters, found, without)
-    loss = np.zeros(len(evidence.c))
-    for fold in np.array_split(np.arange(len(loss)), PARTS):
-        keep = np.setdiff1d(np.arange(len(loss)), fold)
-        a, b = evidence.a[keep].sum(axis=0) / evidence.scale, evidence.b[keep].sum(axis=0) / evidence.scale
-        theta, _ = within(a + q, b, low, high)
-        own = left_at(theta, evidence.a[fold], evidence.b[fold], evidence.c[fold])
-        loss[fold] = own + evidence.scale * float(theta @ q @ theta) / len(loss)
-    return loss
+
+    def solve(information: np.ndarray, score: np.ndarray) -> np.ndarray:
+        both = zip(information / evidence.scale, score / evidence.scale, strict=True)
+        return np.stack([minimum_within(a + q, b, low, high)[0] for a, b in both])
+
+    theta, loss = predicted(evidence, in_a_row(len(evidence.square), PARTS), solve)
+    return loss + evidence.scale * np.einsum("wp,pq,wq->w", theta, q, theta) / len(loss)
 
 
 def _without(

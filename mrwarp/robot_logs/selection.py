@@ -13,7 +13,11 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.robot_logs.causes import ORDINARY, SAME, SESSION, Parameter
-from mrwarp.robot_logs.evidence import Evidence, within
+from mrwarp.robot_logs.evidence import Evidence
+from mrwarp.sysid.elimination import eliminated
+from mrwarp.sysid.jackknife import jackknife, student
+from mrwarp.sysid.least_squares import minimum_within
+from mrwarp.sysid.left_out import in_a_row, one_step
 
 NAMED_ODDS = 12.0
 """Least logarithm of the odds of a cause: some 200 are looked at, and one log of a hundred may speak of one wrongly."""
@@ -170,15 +174,16 @@ def bounds_without(parameters: Sequence[Parameter], causes: Sequence[Direction])
 def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> Posterior:
     """Parameters with the prior of healthy robots, and that of faults along ``released``."""
     q = prior_of(parameters, released)
-    a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
+    a, b = evidence.likelihood()
     spread = np.linalg.inv(a + q)
-    mean, _ = within(a + q, b, *bounds_of(parameters))
-    each = spread @ ((evidence.b - evidence.a @ mean) / evidence.scale).T
-    parts = [each[:, part].sum(axis=1) for part in np.array_split(np.arange(each.shape[1]), PARTS)]
+    mean, _ = minimum_within(a + q, b, *bounds_of(parameters))
+    each = spread @ ((evidence.score - evidence.information @ mean) / evidence.scale).T
     own = np.einsum("pq,qr,rp->p", spread, q, spread)
+    folds = in_a_row(len(evidence.square), PARTS)
+    parts = one_step(evidence, folds, mean, spread / evidence.scale)
     return Posterior(
         mean=mean, covariance=spread, precision=q, unbounded=spread @ b,
-        robust=(each**2).sum(axis=1) + own, by_part=PARTS / (PARTS - 1) * np.square(parts).sum(axis=0) + own,
+        robust=(each**2).sum(axis=1) + own, by_part=np.diag(jackknife(parts)) + own,
     )  # fmt: skip
 
 
@@ -219,15 +224,13 @@ def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Seque
     which a fit by the replay needed no other of the same drive.
     """
     found = _simplest_drive(_forward(evidence, parameters), evidence, parameters, confirmed)
-    while found:
+
+    def certainty(found: list[Found]) -> list[float]:
         released = [f.direction for f in found]
         now = posterior(evidence, parameters, released)
-        certain = [_recurrence(d, now, parameters, released) for d in released]
-        least = int(np.argmin(certain))
-        if certain[least] >= RECURRENCE:
-            break
-        del found[least]
-    return found
+        return [_recurrence(d, now, parameters, released) / RECURRENCE for d in released]
+
+    return eliminated(found, certainty)[0]
 
 
 def _simplest_drive(
@@ -265,7 +268,7 @@ def _simplest_drive(
 def _evidence(released: Sequence[Direction], evidence: Evidence, parameters: Sequence[Parameter]) -> float:
     """Logarithm of the marginal likelihood, but for a constant."""
     q = prior_of(parameters, released)
-    a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
+    a, b = evidence.likelihood()
     more = np.linalg.slogdet(q)[1] - np.linalg.slogdet(a + q)[1]
     return float(0.5 * (b @ np.linalg.solve(a + q, b) + more))
 
@@ -279,18 +282,21 @@ def estimate(k: int, now: Posterior, parameters: Sequence[Parameter]) -> tuple[f
 
 
 def sizes(
-    evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction], low: np.ndarray,
-    high: np.ndarray,
+    likelihood: tuple[np.ndarray, np.ndarray], parameters: Sequence[Parameter], released: Sequence[Direction],
+    low: np.ndarray, high: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Changes by which the extended robot fits best, shape (P,): causes and session's offsets, else as described."""
+    """Changes by which the extended robot fits best, shape (P,): causes and session's offsets, else as described.
+
+    ``likelihood`` is of :meth:`~mrwarp.robot_logs.evidence.Evidence.likelihood`.
+    """
     named = {k for d in released for k in d.members}
     free = [k for k, p in enumerate(parameters) if k in named or p.of_session]
     own = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
-    a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
+    a, b = likelihood
     found = np.zeros(len(parameters))
     if free:
         q = prior_of([parameters[k] for k in free], own)
-        found[free], _ = within(a[np.ix_(free, free)] + q, b[free], low[free], high[free])
+        found[free], _ = minimum_within(a[np.ix_(free, free)] + q, b[free], low[free], high[free])
     return found
 
 
@@ -309,7 +315,7 @@ def half_width(
     mean, sd = float(now.mean[list(members)].mean()), float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
     if len(members) == 1:
         mean, sd = estimate(k, now, parameters)
-    over_parts = stats.t.ppf(0.975, PARTS - 1) * np.sqrt(now.by_part[k])
+    over_parts = student(0.95, PARTS - 1) * np.sqrt(now.by_part[k])
     return float(max(wider * stats.norm.ppf(0.975) * sd, wider * over_parts, abs(mean - size), abs(lone - size)))
 
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
+
+T = TypeVar("T", bound="Pieces")
 
 
 def without_nuisances(grams: np.ndarray, count: int, precision: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
@@ -84,11 +86,20 @@ class Pieces:
         """Information, (P, P), and score, (P,), of all pieces."""
         return self.information.sum(axis=0), self.score.sum(axis=0)
 
+    def times(self, weight: np.ndarray) -> Self:
+        """The pieces with weights, shape (N,)."""
+        return replace(
+            self,
+            information=weight[:, None, None] * self.information,
+            score=weight[:, None] * self.score,
+            square=weight * self.square,
+        )
+
     def some(self, which: Sequence[int] | np.ndarray) -> Self:
         """Some of the pieces, by index."""
         return replace(self, information=self.information[which], score=self.score[which], square=self.square[which])
 
 
-def about_origin(pieces: Pieces, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scores, (N, P), and squares, (N,), of pieces about numbers ``x``, (P,), as forms in the numbers themselves."""
-    return pieces.score + pieces.information @ x, pieces.left(-x)
+def about_origin(pieces: T, x: np.ndarray) -> T:
+    """Pieces about numbers ``x``, (P,), as forms in the numbers themselves."""
+    return replace(pieces, score=pieces.score + pieces.information @ x, square=pieces.left(-x))

@@ -25,6 +25,6 @@ def test_robots_that_are_replayed_at_once_leave_what_each_leaves(tmp_path: Path)
     thetas[1] = [0.2 * p.fault for p in parameters]
     together = left_by_each(evidence, model, groups, parameters, thetas)
     for theta, left in zip(thetas, together, strict=True):
-        alone = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.c), 1)))[0]
+        alone = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.square), 1)))[0]
         assert left == pytest.approx(evidence.weight @ alone / evidence.scale, rel=1e-9)
     assert together[1] > 2.0 * together[0]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mrwarp.sysid.certainty import agreement, by_ratio, clearness, gain_and_t, two_sizes
+from mrwarp.sysid.certainty import BY_CHANCE, agreement, by_ratio, clearness, gain_and_t, two_sizes
 from mrwarp.sysid.elimination import eliminated, grown
 from mrwarp.sysid.jackknife import effective_count, jackknife, student, sum_and_error
 from mrwarp.sysid.least_squares import ridge_solve
-from mrwarp.sysid.left_out import in_a_row, left_out, predicted
+from mrwarp.sysid.left_out import in_a_row, left_out, one_step, predicted
 from mrwarp.sysid.pieces import Quadratic, about_origin
 from mrwarp.sysid.verdict import VERDICTS, Verdict
 from tests.sysid.spring import LAWS, NOISE, ZEROS, Spring
@@ -67,9 +67,7 @@ def test_a_zero_of_each_run_is_removed_as_its_covariance_says() -> None:
 def test_what_is_left_of_pieces_adds_up_and_does_not_depend_on_the_point() -> None:
     """Forms about the numbers' origin and about another point leave the same; their sum is that of the whole."""
     pieces, x = Spring({"coulomb": 0.1}).pieces(list(LAWS)), np.array([0.3, -0.2, 0.1])
-    score, square = about_origin(pieces, x)
-    moved = type(pieces)(information=pieces.information, score=score, square=square)
-    np.testing.assert_allclose(moved.left(x + 0.1), pieces.left(np.full(3, 0.1)), rtol=1e-9)
+    np.testing.assert_allclose(about_origin(pieces, x).left(x + 0.1), pieces.left(np.full(3, 0.1)), rtol=1e-9)
     whole = Quadratic(float(pieces.square.sum()), *pieces.sums())
     assert whole.after(x) == pytest.approx(pieces.left(x).sum())
     each = np.stack([x * k for k in range(12)])
@@ -86,6 +84,14 @@ def test_left_out_pieces_are_predicted_by_fits_without_them() -> None:
             want = np.linalg.solve(*rest.sums())
             np.testing.assert_allclose(change[fold], np.tile(want, (len(fold), 1)), rtol=1e-5)
             np.testing.assert_allclose(loss[fold], pieces.some(fold).left(want), rtol=1e-6)
+
+
+def test_leaving_out_by_one_step_is_the_same_to_first_order() -> None:
+    """Over runs that say equally much, an interval by one step is that by fits without each run."""
+    pieces, folds = Spring({"coulomb": 0.05}, runs=12).pieces(["coulomb"]), in_a_row(12, 6)
+    information, score = pieces.sums()
+    steps = one_step(pieces, folds, score / information[0], 1.0 / information)
+    assert jackknife(steps)[0, 0] == pytest.approx(jackknife(left_out(pieces, folds))[0, 0], rel=1e-2)
 
 
 def test_the_jackknife_of_a_mean_is_its_squared_standard_error() -> None:
@@ -158,3 +164,16 @@ def test_a_number_is_clear_where_its_interval_leaves_out_what_is_no_fault() -> N
     """In half widths from the nearest end of the usual range."""
     assert clearness(0.5, 0.1, (0.0, 0.2)) == pytest.approx(3.0)
     assert clearness(0.1, 0.1, (0.0, 0.2)) == 0.0
+
+
+def test_pieces_agree_by_the_exact_distribution_of_signed_ranks() -> None:
+    """The score needed of 30 to 50 pieces is reached just where SciPy's exact test gives the allowed chance."""
+    rng, sides = np.random.default_rng(0), set()
+    for _ in range(300):
+        gain = rng.normal(rng.uniform(0.5, 2.0), 1.0, rng.integers(30, 50))
+        chance = np.asarray(stats.wilcoxon(gain, alternative="greater", method="exact"))[1]
+        rare = bool(chance <= BY_CHANCE)
+        assert (agreement(gain) >= 1.0 - 1e-12) == rare
+        sides.add(rare)
+    assert sides == {True, False}
+    assert agreement(np.ones(8)) > 1.0 > agreement(np.array([*np.ones(7), -2.0]))
