@@ -38,10 +38,11 @@ class Rules:
     """Whether a predicted gain is too small to be tried."""
     gained: Callable[[float, float], bool] = lambda gain, loss: False
     """Whether a gain was so small that the search ends with it."""
-    stale: Callable[[float, float], bool] = lambda gain, predicted: True
-    """Whether derivatives are taken again at a better point, by its gain and the predicted one."""
-    renewals: int | None = None
-    """How often derivatives are taken again; None: as often as they are stale."""
+    stale: Callable[[float, float], bool] | None = None
+    """Whether derivatives are taken again at a better point, by its gain and the predicted one, and the damping starts
+    again; None: they are taken at every better point, and the damping goes on."""
+    renewals: int = 0
+    """How often stale derivatives are taken again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +84,7 @@ def minimise(
     rules = rules or Rules()
     x = np.clip(x, low, high)
     here, fresh, damping = start or about(x), True, rules.damping
-    steps, renewals = (rules.iterations if n is None else n for n in (rules.steps, rules.renewals))
+    steps, renewals = rules.iterations if rules.steps is None else rules.steps, rules.renewals
     for _ in range(rules.iterations):
         trial, promised, damping = _promising(here, x, low, high, reach, damping, rules)
         if not steps or rules.predicted(promised, here.loss):
@@ -93,8 +94,10 @@ def minimise(
         if there.loss < here.loss:
             x, here, fresh, steps = trial, there, seen is None, steps - 1
             damping = max(damping / rules.relief, rules.least)
-            if not fresh and renewals and rules.stale(gain, promised):
-                here, fresh, renewals = about(x), True, renewals - 1
+            if not fresh and rules.stale is None:
+                here, fresh = about(x), True
+            elif not fresh and rules.stale is not None and renewals and rules.stale(gain, promised):
+                here, fresh, renewals, damping = about(x), True, renewals - 1, rules.damping
             if rules.gained(gain, here.loss):
                 break
             continue
