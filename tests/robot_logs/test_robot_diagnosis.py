@@ -237,7 +237,7 @@ def test_recordings_of_which_no_window_counts_are_not_replayed(tmp_path: Path) -
     (windows,), parameters = cut_windows(model, log), parameters_of(model, log)[:1]
     both = gather(model, [windows, windows], parameters, np.zeros(1), print)
     count = int(both.keep[: windows.count].sum())
-    kept = {name: getattr(both, name)[:count] for name in ("a", "b", "c", "weight", "run")}
+    kept = {name: getattr(both, name)[:count] for name in ("information", "score", "square", "weight", "run")}
     first = replace(both, keep=both.keep & (np.arange(len(both.keep)) < windows.count), **kept)
     left, _ = replayed(first, model, [windows, windows], parameters, np.zeros(1))
     assert left == pytest.approx(first.at(np.zeros(1)))
@@ -251,7 +251,7 @@ def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
         error = np.repeat(rng.normal(size=8), 8) + 0.3 * rng.normal(size=64)
         evidence = _evidence(np.ones((64, 1, 1)), error[:, None])
         now = posterior(evidence, [p], [])
-        size = float(sizes(evidence, [p], [d], *bounds_of([p]))[0])
+        size = float(sizes(evidence.likelihood(), [p], [d], *bounds_of([p]))[0])
         held.append(abs(size) < half_width(d.members, size, now, [p], lone=size))
     assert 0.90 <= np.mean(held) <= 0.98
 
@@ -263,7 +263,7 @@ def test_a_cause_whose_interval_reaches_to_no_fault_is_a_suspect() -> None:
 
     def clear(asked: np.ndarray) -> bool:
         evidence = _evidence(np.ones((64, 1, 1)), np.repeat(asked, 8)[:, None])
-        size = sizes(evidence, [p], [f.direction], *bounds_of([p]))
+        size = sizes(evidence.likelihood(), [p], [f.direction], *bounds_of([p]))
         alone = robot_proof.Sizes(size=size, lone=size, wider=1.0)
         found, rejected, *_ = robot_proof.clear_ones([f], evidence, [p], lambda _: (alone, evidence))
         assert len(found) + len(rejected) == 1
@@ -454,7 +454,7 @@ def test_a_joint_s_gain_beside_that_of_all_joints_is_one_that_differs(own: float
     parameters = [replace(_parameter(), where=where, spread=0.02, fault=0.3, least=0.02) for where in "abcd"]
     truth, a = np.array([own, 0.3, 0.3, 0.3]), np.tile(1e3 * np.eye(4), (64, 1, 1))
     noise = np.random.default_rng(0).normal(0.0, 3.0, (64, 4))
-    evidence = replace(_evidence(a, a @ truth + noise), c=np.full(64, truth @ a[0] @ truth))
+    evidence = replace(_evidence(a, a @ truth + noise), square=np.full(64, truth @ a[0] @ truth))
     wide, one = (Direction(cause="kp", where=w, members=m) for w, m in (("robot", (0, 1, 2, 3)), ("a", (0,))))
     found, _ = robot_proof.cross_validated(
         [Found(direction=d, z=9.0, alternatives=()) for d in (wide, one)], evidence, parameters
@@ -742,7 +742,8 @@ def test_a_delay_that_is_a_fault_is_no_part_of_the_error_before() -> None:
     d = Direction(cause="command_delay", where="robot", members=(0,))
     evidence = _evidence(np.ones((64, 1, 1)), np.full((64, 1), 0.012))
     before, after = (
-        sizes(evidence, [p], own, *bounds)[0] for own, bounds in (([], bounds_without([p], [d])), ([d], bounds_of([p])))
+        sizes(evidence.likelihood(), [p], own, *bounds)[0]
+        for own, bounds in (([], bounds_without([p], [d])), ([d], bounds_of([p])))
     )
     assert (before, after) == (pytest.approx(0.006), pytest.approx(0.012))
 
