@@ -33,7 +33,6 @@ from mrwarp.diagnose.result import (
     Tried,
     Unexplained,
     Value,
-    Verdict,
 )
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
@@ -44,6 +43,7 @@ from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, p
 from mrwarp.recording.data import NO_INPUT
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
+from mrwarp.sysid.verdict import VERDICTS
 
 _LEAST_T, _SLOW_T = 2.0, 2.5
 """Structure is only reported when it predicts trajectories with this ratio to its standard error; the latter for
@@ -107,9 +107,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     if unexplained is not None:
         formula = find_formula(traces, unexplained, problem.units)
         unexplained = replace(unexplained, formula=formula)
-    verdict: Verdict = "named" if causes else "none"
-    if unexplained:
-        verdict = "named_and_unexplained" if causes else "unexplained"
+    verdict = VERDICTS[bool(causes), unexplained is not None]
     detectable, invisible = _detectable(found)
     names = tuple(run.id for run in recording.trajectories)
     counts = problem.weight > 0.0

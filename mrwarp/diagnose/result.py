@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import write_result
-
-Verdict = Literal["none", "named", "unexplained", "named_and_unexplained"]
+from mrwarp.sysid.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)

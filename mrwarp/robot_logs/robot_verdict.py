@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.diagnose.result import Error, NextExperiment, Suspect, Unexplained, Value, Verdict
+from mrwarp.diagnose.result import Error, NextExperiment, Suspect, Unexplained, Value
 from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.run_dir import write_result
 from mrwarp.runtime import text_table
+from mrwarp.sysid.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What a diagnosis says in the end, of any plant."""
+"""The answer of a diagnosis, of any plant."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def diagnosed(spring: Spring) -> tuple[Verdict, dict[str, tuple[float, float]]]:
     "truth", [{}, {"coulomb": 0.05}, {"softer": -0.1, "viscous": 0.06}, {"coulomb": -0.04, "viscous": 0.05}]
 )
 def test_hidden_causes_are_named_with_their_sizes(truth: dict[str, float]) -> None:
-    """No more and no fewer, whatever the zeros of the runs are."""
+    """No more and no fewer, regardless of the zeros of the runs."""
     verdict, found = diagnosed(Spring(truth))
     assert verdict == ("named" if truth else "none")
     assert found.keys() == truth.keys()
