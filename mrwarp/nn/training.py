@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from mrwarp.nn.models import TorqueNet
-from mrwarp.options.progress_bar import ProgressBar
-from mrwarp.runtime import duration, panels
+from mrwarp.options.progress_bar import ProgressBar, roughly
+from mrwarp.runtime import panels
 
 MICRO = 128
 """Windows per forward and backward pass; larger ones fall out of the processor's cache and take 1.6 times as long."""
@@ -232,7 +232,7 @@ def epochs_shown(kind: str, bar: ProgressBar) -> Callable[[History, FitCfg], Non
         done = history.epoch[-1]
         left = history.seconds[-1] / done * (cfg.epochs - done)
         errors = f"training {history.train_rmse[-1]:.3g}, validation {history.validation_rmse[-1]:.3g} N·m"
-        ending = f"{duration(left)} to epoch {cfg.epochs}" if left else ""
+        ending = f"{roughly(left)} to epoch {cfg.epochs}" if left else ""
         bar(f"training {kind}", done / cfg.epochs, detail=errors, ending=ending)
 
     return report

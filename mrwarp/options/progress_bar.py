@@ -121,7 +121,7 @@ class ProgressBar:
     def _text(self) -> str:
         """Stage, and how long it may still take."""
         left = self.left(time.perf_counter())
-        ending = self._ending or ("" if left is None else f"about {duration(left)} left")
+        ending = self._ending or ("" if left is None else f"about {roughly(left)} left")
         return ", ".join(filter(None, (self._stage, self._detail if self._live else "", ending)))
 
     def _line(self) -> str:
@@ -141,6 +141,11 @@ class ProgressBar:
             with self._lock:
                 if self._stage and not self._ended.is_set():
                     self._draw()
+
+
+def roughly(seconds: float) -> str:
+    """A length of time with the digits that an estimate has: to five seconds, later to minutes."""
+    return duration(5.0 * max(round(seconds / 5.0), 1))
 
 
 def stage_of(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,8 +12,9 @@ import torch
 
 from mrwarp.env import nan_dump
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.options.progress_bar import roughly
 from mrwarp.rl.ranks import Ranks
-from mrwarp.runtime import duration, panels
+from mrwarp.runtime import panels
 from mrwarp.trials.walking import WalkingGate
 
 WINDOW = 50
@@ -21,6 +23,9 @@ WINDOW = 50
 TYPICAL = (64, 288.0)
 """Robots, and updates to the walking gate: the mean of seeds 0 to 4 (docs/performance.md). 4096 robots took 107: the
 number falls with the fourth root of the robots."""
+
+SETTLED = 10
+"""Updates after which the time of an update is known."""
 
 MAX_DIVERGED = 0.01
 """Largest share of environments in which a number may go wrong: in one update (one environment always may), and on
@@ -48,6 +53,10 @@ class Progress:
     def gate_passed(self) -> bool:
         """Whether the last gate check passed."""
         return bool(self.gate_rows) and self.gate_rows[-1]["passed"]
+
+    def update_seconds(self) -> float:
+        """Median time of the last updates [s]: the first ones compile."""
+        return statistics.median(1e-3 * (update["collect_ms"] + update["learn_ms"]) for update in self.window)
 
     def average(self, figures: dict[str, float]) -> dict[str, float]:
         """Means over the last updates, of which this is the newest."""
@@ -77,19 +86,19 @@ def typical_updates(num_envs: int) -> float:
     return TYPICAL[1] * (TYPICAL[0] / max(num_envs, 1)) ** 0.25
 
 
-def ending(row: Mapping[str, float], iterations: int, typical: float | None) -> str:
+def ending(iteration: int, each: float, iterations: int, typical: float | None) -> str:
     """Estimated end of a training: how long it takes to the gate typically, or all updates.
 
     Args:
-        row: Figures of the last update, with the time that one takes.
+        iteration: Updates so far.
+        each: Time of an update [s].
         iterations: The most updates.
         typical: Updates to the walking gate; None trains all of them.
     """
-    each = 1e-3 * (row["collect_ms"] + row["learn_ms"])
-    if typical is None:
-        return f"about {duration((iterations - row['iteration']) * each)} left"
-    left = min(typical, iterations) - row["iteration"]
-    return f"typically {duration(left * each)} to the gate" if left > 0.0 else "longer than is typical"
+    if typical is None or typical >= iterations:
+        return f"about {roughly((iterations - iteration) * each)} left"
+    left = (typical - iteration) * each
+    return f"typically {roughly(left)} to the gate" if left > 0.0 else "longer than typical"
 
 
 def gate_line(measured: dict[str, Any], gate: WalkingGate) -> str:

@@ -178,12 +178,7 @@ class Trainer:
                 for name, value in row.items():
                     writer.add_scalar(f"train/{name}", value, self.iteration)
             if self.bar is not None:
-                self.bar(
-                    "learning to walk",
-                    self.iteration / (self.typical or self.cfg.iterations),
-                    detail=progress.figures_line(row),
-                    ending=progress.ending(row, self.cfg.iterations, self.typical),
-                )
+                self._show(self.bar, row)
             check, save = self.ranks.decided(
                 row["v_x_rmse"] < self.cfg.check_below * self.env.scales.speed
                 and self.seconds - checked >= self.cfg.check_every,
@@ -338,6 +333,19 @@ class Trainer:
         gate = self.gate_check.gate
         writer.add_scalar("gate/v_x_rmse", progress.rmse_at(measured, gate), self.iteration)
         self._say(progress.gate_line(measured, gate))
+
+    def _show(self, bar: ProgressBar, row: dict[str, float]) -> None:
+        """Stage, figures and estimated end on the progress bar."""
+        if len(self.progress.window) < progress.SETTLED:
+            bar("first updates", detail=progress.figures_line(row))
+            return
+        each = self.progress.update_seconds()
+        bar(
+            "learning to walk",
+            self.iteration / min(self.typical or self.cfg.iterations, self.cfg.iterations),
+            detail=progress.figures_line(row),
+            ending=progress.ending(self.iteration, each, self.cfg.iterations, self.typical),
+        )
 
     def _say(self, text: str) -> None:
         """Print a line, above the bar where there is one."""

@@ -99,24 +99,29 @@ def test_stages_of_a_diagnosis_do_not_turn_the_bar_back() -> None:
     count = Countdown(Bar(io.StringIO()))
     for text in ("eqs. 14 and 15: starts", "noise", "refining coil_lag", "noise without coil_lag", "what repeats"):
         count(text)
-    assert seen == [0.01, 0.03, 0.35, 0.35, 0.35]
-
-
-ROW = {"iteration": 100.0, "collect_ms": 60.0, "learn_ms": 40.0, "reward": 3.21, "v_x_rmse": 0.1234}
+    assert seen == [0.01, 0.03, 0.35, 0.35, 0.85]
 
 
 def test_a_training_says_how_long_it_typically_takes() -> None:
     """To the gate by what trainings took, never by the most updates that there may be; without a gate all of them."""
     typical = training.typical_updates(64)
-    assert training.ending(ROW, 6000, typical) == "typically 19 s to the gate"
-    assert training.ending({**ROW, "iteration": 900.0}, 6000, typical) == "longer than is typical"
-    assert training.ending(ROW, 800, None) == "about 70 s left"
+    assert training.ending(100, 0.1, 6000, typical) == "typically 20 s to the gate"
+    assert training.ending(900, 0.1, 6000, typical) == "longer than typical"
+    assert training.ending(100, 0.1, 800, None) == training.ending(100, 7.0, 110, typical) == "about 70 s left"
     assert training.typical_updates(4096) == pytest.approx(107.0, rel=0.1)
+
+
+def test_updates_that_compile_are_no_measure() -> None:
+    """One of a minute among fifty of a tenth of a second."""
+    seen = training.Progress()
+    for k in range(training.SETTLED):
+        seen.window.append({"collect_ms": 6e4 if k == 0 else 60.0, "learn_ms": 40.0})
+    assert seen.update_seconds() == pytest.approx(0.1)
 
 
 def test_figures_have_at_most_four_digits() -> None:
     """Also at the begin, when every robot falls at once."""
-    text = training.figures_line({**ROW, "falls_per_hour": 36000.0})
+    text = training.figures_line({"reward": 3.21, "v_x_rmse": 0.1234, "falls_per_hour": 36000.0})
     assert text == "reward 3.21, v_x RMSE 0.123 m/s, falls over 9999/h"
     assert max(len(re.sub(r"\D", "", number)) for number in re.findall(r"[\d.]+", text)) <= 4
 

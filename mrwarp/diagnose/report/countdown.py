@@ -11,6 +11,7 @@ _BEGINS = {
     "noise without": 0.25,
     "refining": 0.35,
     "pairs": 0.48,
+    "what repeats": 0.85,
     "smallest sizes": 0.93,
     "next experiment": 0.94,
     "pictures": 0.95,
