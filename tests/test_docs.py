@@ -76,6 +76,31 @@ def test_a_page_is_read_in_one_sitting(page: Path) -> None:
     assert len(page.read_text(encoding="utf-8").splitlines()) <= 200
 
 
+QUESTIONS = {
+    "how to add an effect": ("docs/add_effect.md", "One file and one line"),
+    "what a suspect is": ("docs/why_not_named.md", "A **suspect** is an effect that"),
+    "why a cause was not named": ("docs/why_not_named.md", "Look at them in this order"),
+    "which numbers of a robot were guessed": ("docs/robot_import.md", "Which numbers of a robot were guessed?"),
+}
+"""Questions of a newcomer, each with the page of its answer and words of it."""
+
+
+def linked(page: Path) -> set[Path]:
+    """Pages that a page links to."""
+    links = re.findall(r"\]\(([^)#:]+\.md)(?:#[\w-]+)?\)", page.read_text(encoding="utf-8"))
+    return {(page.parent / link).resolve() for link in links}
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+@pytest.mark.parametrize("start", ["README.md", "docs/index.md"])
+def test_an_answer_is_two_clicks_away(start: str, question: str) -> None:
+    """From README and from the site's first page."""
+    name, words = QUESTIONS[question]
+    once = linked(ROOT / start)
+    assert ROOT / name in once.union(*map(linked, once))
+    assert words in (ROOT / name).read_text(encoding="utf-8")
+
+
 def test_wrong_paths_and_names_are_found() -> None:
     """Faults that the tests above look for."""
     assert PATH.findall("see `mrwarp/nowhere.py`, [x](docs/data.md) and mrwarp/kernels/") == [
