@@ -11,8 +11,8 @@ READY := $(VENV)/.ready
 run: $(READY)
 	$(PY) train/ppo.py --device cpu --num-envs 64 --out runs/walk
 
-# a process per core, four at most: each takes a gigabyte
-SHARED_OUT := -n logical --maxprocesses 4 --dist worksteal
+# a process per core, four at most: each takes a gigabyte; the slowest tests are named at the end
+SHARED_OUT := -n logical --maxprocesses 4 --dist worksteal --durations 20
 
 test: $(READY)
 	$(PY) -m pytest $(SHARED_OUT) -m "not slow"

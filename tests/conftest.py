@@ -31,7 +31,7 @@ def savefig(figure: Figure, *args: object, **options: object) -> None:
     """Draw without a layout, which takes most of the time, but in tests that are about pictures by their names."""
     if "picture" not in os.environ.get("PYTEST_CURRENT_TEST", "picture"):
         figure.set_layout_engine("none")
-    _savefig(figure, *args, **options)  # type: ignore[arg-type]
+    _savefig(figure, *args, **options)
 
 
 Figure.savefig = savefig  # type: ignore[method-assign]

@@ -27,12 +27,20 @@ def test_a_law_of_the_motion_is_foretold_and_noise_is_not() -> None:
     assert 300 <= len(at) <= 400
     known_law, known_noise = (cross_predicted(motion, at, target) for target in (law, noise))
     assert np.mean((known_law - law[at]) ** 2) < 0.1 * law.var()
-    np.testing.assert_array_equal(cross_predicted(motion, at, law, threads=2), known_law)
-    end_processes()
-    assert not [thread for thread in threading.enumerate() if "Executor" in thread.name]
     smooth = cross_predicted(motion, at, law, smooth=np.stack([motion.qd, motion.q]))
     assert np.mean((smooth - law[at]) ** 2) < 0.1 * law.var()
     assert np.mean((known_noise - noise[at]) ** 2) > 0.95 * noise.var()
+
+
+@pytest.mark.slow
+def test_processes_predict_the_same_and_end() -> None:
+    """Folds that two processes share; they would wait for more work."""
+    motion = known.motion(3, runs=6, seconds=3.0)
+    at = chosen_samples(motion, np.ones(len(motion.q)), limit=400)
+    alone, shared = (cross_predicted(motion, at, np.tanh(motion.qd), threads=threads) for threads in (1, 2))
+    np.testing.assert_array_equal(shared, alone)
+    end_processes()
+    assert not [thread for thread in threading.enumerate() if "Executor" in thread.name]
 
 
 def test_samples_that_do_not_count_are_left_out() -> None:

@@ -130,7 +130,7 @@ def test_ctrl_c_keeps_the_first_answer_of_a_log(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(robot_diagnosis, "fitted", stopped)
-    log, out = arm_log(tmp_path / "log", seconds=4.0), tmp_path / "out"
+    log, out = arm_log(tmp_path / "log", seconds=3.0), tmp_path / "out"
     assert main(["diagnose", str(log), "--out", str(out)]) == 130
     assert "only result.json (not final)" in capsys.readouterr().err
     assert json.loads((out / "result.json").read_text())["final"] is False and len(list(out.iterdir())) == 1

@@ -20,7 +20,7 @@ def figures() -> dict:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gpu, "AIMED_AT", 2)
         patch.setattr(gpu, "COPIED", 2**22)
-        cfg = GpuCfg(device="cpu", num_envs=(2,), rounds=2, steps=5, updates=0)
+        cfg = GpuCfg(device="cpu", num_envs=(2,), rounds=2, steps=2, updates=0)
         return gpu.run_all(cfg, OnnxPolicy(DEFAULT_POLICY), lambda text, share: None)
 
 
