@@ -16,10 +16,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from benchmarks.kills import TIMES, digest
+from mrwarp.rl.train_cfg import RunCfg
 
 SIMULATIONS: dict[str, list[dict[str, Any]]] = {
     "simulation, 64 robots, 1, 2 and 3 threads": [{"threads": n} for n in (1, 2, 3)],
@@ -59,13 +61,12 @@ def simulate(
     import torch
 
     from mrwarp.env.backend import BackendKind
-    from mrwarp.env.cfg import make_walk_cfg
+    from mrwarp.env.cfg import TaskCfg
     from mrwarp.env.vec_env import WalkEnv
-    from mrwarp.nn.network_file import shipped_model
 
-    cfg = make_walk_cfg(
+    cfg = TaskCfg(
         num_envs=num_envs, seed=seed, threads=threads, backend=BackendKind(backend) if backend else None,
-        actuator_model=actuator, actuator_file=shipped_model(actuator), deterministic=deterministic,
+        actuator=actuator, deterministic=deterministic,
     )  # fmt: skip
     with torch.no_grad():
         env, generator = WalkEnv(cfg), torch.Generator().manual_seed(seed)
@@ -92,12 +93,13 @@ def train(
     """
     import torch
 
-    from mrwarp.env.cfg import make_walk_cfg
+    from mrwarp.env.cfg import TaskCfg
     from mrwarp.rl import checkpoint
-    from mrwarp.rl.trainer import TrainCfg, Trainer
+    from mrwarp.rl.train_cfg import TrainCfg
+    from mrwarp.rl.trainer import Trainer
 
-    env = make_walk_cfg(num_envs=num_envs, threads=threads)
-    cfg = TrainCfg(env=env, out=out, seed=seed, iterations=updates, until_gate=False)
+    env = TaskCfg(num_envs=num_envs, threads=threads)
+    cfg = TrainCfg(task=replace(env, seed=seed), run=RunCfg(out=out, iterations=updates, no_gate=True))
     before = torch.get_num_threads()
     torch.set_num_threads(torch_threads)
     try:
@@ -154,7 +156,8 @@ def cost(device: str, *, num_envs: int = 64, rounds: int = 25, steps: int = 40) 
     import warp as wp
 
     from mrwarp.env.backend import BackendKind
-    from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
+    from mrwarp.env.config.sim_cfg import SimCfg
+    from mrwarp.env.sim import ActuatedSim, robot_scene
 
     best: dict[str, float] = {}
     robots = {}

@@ -58,17 +58,17 @@ def make_trainer(
     """A training of a few robots that saves after every update; its gate check and picture are left out."""
     from dataclasses import replace
 
-    from mrwarp.env.cfg import make_walk_cfg
-    from mrwarp.nn.network_file import shipped_model
-    from mrwarp.rl.trainer import TrainCfg, Trainer
+    from mrwarp.env.cfg import TaskCfg
+    from mrwarp.env.config.mdp_cfg import make_terrain_cfg
+    from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+    from mrwarp.rl.trainer import Trainer
 
-    env = make_walk_cfg(
-        num_envs=4, threads=1, actuator_model=actuator, actuator_file=shipped_model(actuator), terrain=terrain
-    )  # fmt: skip
+    env = TaskCfg(num_envs=4, threads=1, actuator=actuator, terrain=make_terrain_cfg(terrain))
     env = replace(env, episode_seconds=1.0)
     cfg = TrainCfg(
-        env=env, out=out, seed=5, iterations=updates, until_gate=False, save_every=0.0, check_below=0.0
-    )  # fmt: skip
+        task=replace(env, seed=5),
+        run=RunCfg(out=out, iterations=updates, no_gate=True, save_every=0.0, check_below=0.0),
+    )
     return Trainer(cfg, resume=resume)
 
 
@@ -166,7 +166,7 @@ def measure(
 
 def main(argv: list[str] | None = None) -> int:
     """Measure; 0 when every checkpoint was readable, young enough and bit-equal."""
-    from mrwarp.env.cfg import ACTUATORS, TERRAINS
+    from mrwarp.enums import ACTUATORS, TERRAINS
     from mrwarp.runtime import quiet_libraries
 
     parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=(__doc__ or "").splitlines()[0])

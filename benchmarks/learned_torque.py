@@ -11,7 +11,7 @@ import time
 import numpy as np
 import torch
 
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.nn import network_file as model_file
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.runtime import quiet_libraries
@@ -36,8 +36,8 @@ def measure_speed(
         number of open windows.
     """
     kind = model_file.load(file).kind
-    base: EnvCfg = make_walk_cfg(num_envs=num_envs, threads=threads)
-    learned = make_walk_cfg(num_envs=num_envs, threads=threads, actuator_model=kind, actuator_file=file)
+    base: TaskCfg = TaskCfg(num_envs=num_envs, threads=threads)
+    learned = TaskCfg(num_envs=num_envs, threads=threads, actuator=kind, actuator_file=file)
     envs = [make_env(cfg, num_envs, 0) for cfg in (base, learned)]
     command = torch.zeros(num_envs, 3)
     command[:, 0] = 0.5

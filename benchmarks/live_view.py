@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.runtime import quiet_libraries
 from mrwarp.trials.walking import make_env
@@ -26,7 +26,7 @@ def measure(policy: OnnxPolicy, *, num_envs: int = 64, rounds: int = 12, steps: 
         rounds: Turns, alternating.
         steps: Policy steps per turn.
     """
-    env = make_env(make_walk_cfg(num_envs=num_envs), num_envs, 0)
+    env = make_env(TaskCfg(num_envs=num_envs), num_envs, 0)
     env.set_command(torch.tensor([0.5, 0.0, 0.0]))
     obs = env.get_observations()
     with tempfile.TemporaryDirectory() as folder:

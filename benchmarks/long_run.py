@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
+from mrwarp.enums import ACTUATORS, TERRAINS
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.nn.network_file import shipped_model
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.runtime import quiet_libraries
 
@@ -88,7 +88,7 @@ def _growth(values: list[float]) -> float:
     return float(np.median(values[-size:]) / np.median(values[:size]) - 1.0)
 
 
-def walk_long(policy: OnnxPolicy, cfg: EnvCfg, *, seconds: float) -> LongRun:
+def walk_long(policy: OnnxPolicy, cfg: TaskCfg, *, seconds: float) -> LongRun:
     """Walk for a wall time.
 
     Args:
@@ -97,7 +97,7 @@ def walk_long(policy: OnnxPolicy, cfg: EnvCfg, *, seconds: float) -> LongRun:
         seconds: Wall time [s].
     """
     torch.manual_seed(cfg.seed)
-    env, num_envs = WalkEnv(cfg), cfg.sim.num_envs
+    env, num_envs = WalkEnv(cfg), cfg.num_envs
     out, obs, begun = LongRun(num_envs=num_envs), env.get_observations(), time.perf_counter()
     reported = begun
     while time.perf_counter() - begun < seconds:
@@ -166,11 +166,10 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     quiet_libraries(gpu=False)
     args.out.mkdir(parents=True, exist_ok=True)
-    cfg = make_walk_cfg(
+    cfg = TaskCfg(
         num_envs=args.num_envs,
         seed=args.seed,
-        actuator_model=args.actuator,
-        actuator_file=shipped_model(args.actuator),
+        actuator=args.actuator,
         terrain=args.terrain,
     )
     run = walk_long(OnnxPolicy(args.policy), cfg, seconds=60.0 * args.minutes)

@@ -1,6 +1,6 @@
 """Coil currents as actions: a policy commands its four brakes, one more action for each.
 
-Run: ``python examples/current_as_action.py`` (``mrwarp train --current learned`` trains one)
+Run: ``python examples/current_as_action.py`` (``mrwarp train --current-by learned`` trains one)
 """
 
 import torch
@@ -12,7 +12,7 @@ from mrwarp.runtime import quiet_libraries
 
 def main() -> None:
     """Stand for a second with the coils off, then with all the current: what the coils take and the motors bear."""
-    env = mrwarp.WalkEnv(mrwarp.TaskCfg(num_envs=8, current=CurrentCommand.LEARNED, randomize="none"))
+    env = mrwarp.WalkEnv(mrwarp.TaskCfg(num_envs=8, current_by=CurrentCommand.LEARNED, randomize=None))
     joints = 12
     print(f"{env.num_actions} actions: {joints} joint targets and {env.num_actions - joints} currents in [-1, 1]")
     for name, level in (("off", -1.0), ("full", 1.0)):

@@ -7,7 +7,7 @@ import torch
 
 from mrwarp.actuator.residual import LearnedTorque
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.identify import learn
 from mrwarp.runtime import quiet_libraries
@@ -49,7 +49,7 @@ def main(epochs: int = 60) -> None:
     rmse = [mismatch.square().mean().sqrt().item() for mismatch in (before, after)]
     print(f"two unseen runs: RMSE of eq. 14 {rmse[0]:.3f} N·m, with the GRU {rmse[1]:.3f} N·m")
 
-    env = WalkEnv(make_walk_cfg(num_envs=16, randomize="none"), residual=LearnedTorque(net, dt=0.005))
+    env = WalkEnv(TaskCfg(num_envs=16, randomize=None), residual=LearnedTorque(net, dt=0.005))
     for _ in range(50):
         env.step(torch.zeros(16, env.num_actions))
     print(f"16 robots stood for 1 s at {env.height.mean():.3f} m")

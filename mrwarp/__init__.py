@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from mrwarp.actuator.residual import LearnedTorque as LearnedTorque
     from mrwarp.diagnose.report.in_python import diagnose_files as diagnose  # noqa: F401
     from mrwarp.diagnose.report.in_python import fit as fit
-    from mrwarp.env.cfg import EnvCfg as EnvCfg
-    from mrwarp.env.cfg import make_walk_cfg as TaskCfg  # noqa: F401
+    from mrwarp.env.cfg import TaskCfg as EnvCfg  # noqa: F401
+    from mrwarp.env.cfg import TaskCfg as TaskCfg
     from mrwarp.env.vec_env import WalkEnv as WalkEnv
     from mrwarp.model_file import Model as Model
     from mrwarp.model_file import load_model as load_model
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "DriveMR": "mrwarp.actuator.newton_drive",
-    "EnvCfg": "mrwarp.env.cfg",
+    "EnvCfg": "mrwarp.env.cfg:TaskCfg",
     "JointBatch": "mrwarp.actuator.joint_batch",
     "LearnedTorque": "mrwarp.actuator.residual",
     "Model": "mrwarp.model_file",
     "MrParams": "mrwarp.params",
     "OnnxPolicy": "mrwarp.rl.policy",
-    "TaskCfg": "mrwarp.env.cfg:make_walk_cfg",
+    "TaskCfg": "mrwarp.env.cfg",
     "WalkEnv": "mrwarp.env.vec_env",
     "diagnose": "mrwarp.diagnose",
     "fit": "mrwarp.diagnose.report.in_python",

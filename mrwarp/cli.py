@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from mrwarp.options.command_line import MODELS, CommandLine, OptionError, Options, parse
+from mrwarp.options.command_line import MODELS, CommandLine, OptionError, Options, parse, renamed_notes, values
 from mrwarp.options.command_table import COMMANDS, Command, Group
 from mrwarp.options.extras import missing_extra
 from mrwarp.run_dir import FolderError, one_line
@@ -67,6 +67,8 @@ def _run(command: Command, line: CommandLine) -> int:
     try:
         with one_voice():
             options = parse(command.load(), line.argv, line.prog)
+            for note in renamed_notes(line.argv, type(options)):
+                print(note, file=sys.stderr, flush=True)
             if not one_of_several():  # then the processes agree on who complains
                 options.check()
                 check_models(options)
@@ -109,7 +111,7 @@ def check_models(options: Options) -> None:
         ModelFileError: one cannot be used.
     """
     for name in MODELS:
-        file = getattr(options, name, None)
+        file = values(options).get(name)
         if file is not None:
             from mrwarp.model_file import load_model
 

@@ -53,6 +53,16 @@ class ResidualEngine(enum.Enum):
     TORCH = "torch"
 
 
+class LstmState(enum.Enum):
+    """Where an LSTM's hidden and cell state come from at the newest sample."""
+
+    CARRIED = "carried"
+    """Those of the sample before, carried on: one sample of work per step. What is further back than the window of
+    eq. 12 still counts, and predictions are better for it (models/README.md)."""
+    WINDOW = "window"
+    """Zero at the beginning of the last 50 samples (eq. 12), which are gone through again at every step."""
+
+
 class BackendKind(enum.Enum):
     """Which engine steps the physics."""
 
@@ -76,7 +86,7 @@ TERRAINS = ("flat", "rough")
 """Grounds to train on: a plane, or the height field of :mod:`mrwarp.env.terrain`."""
 
 RANDOMIZATIONS = ("all", "ground", "none")
-"""Differences between training environments, see :func:`mrwarp.env.cfg.make_randomize_cfg`."""
+"""Differences between training environments, see :func:`mrwarp.env.config.mdp_cfg.make_randomize_cfg`."""
 
 CONVENTIONAL = "conventional"
 """Trained on Go1, whose joints have no MR device: configurations A and B of table 2."""

@@ -14,7 +14,7 @@ from tyro._docstrings import get_field_docstring
 
 from mrwarp import cli
 from mrwarp.enums import LEARNED
-from mrwarp.options.command_line import option_flags, parse
+from mrwarp.options.command_line import option_fields, option_flags, parse, renamed_notes, values
 from mrwarp.options.command_table import all_commands
 from mrwarp.resources import DEFAULT_POLICY, shipped_model
 from mrwarp.run_dir import claim
@@ -184,10 +184,13 @@ def test_version(capsys: pytest.CaptureFixture) -> None:
     assert capsys.readouterr().out == f"mrwarp {version('mrwarp')}\n"
 
 
-def test_an_option_of_another_name_is_refused_with_the_new_one(capsys: pytest.CaptureFixture) -> None:
+def test_an_option_of_another_name_is_taken_and_the_new_one_named() -> None:
     """One word per thing; the kind of network keeps its earlier name next to the new one."""
-    assert cli.main(["mission", "--seeds", "2"]) == 2
-    assert "it is --trials now" in capsys.readouterr().err
+    mission = dict(all_commands())["mission"].load()
+    for words in (["--seeds", "2"], ["--seeds=2"]):
+        assert values(parse(mission, words, "mrwarp mission"))["trials"] == 2
+        assert renamed_notes(words, mission) == ["note: --seeds is called --trials now"]
+    assert renamed_notes(["--trials", "2"], mission) == []
     learn = dict(all_commands())["learn"].load()
     for name in ("--kind", "--model"):
         assert vars(parse(learn, ["data", "--out", "o", name, "mlp"], "mrwarp learn"))["kind"] == "mlp"
@@ -207,8 +210,8 @@ def test_every_option_is_explained(name: str, capsys: pytest.CaptureFixture) -> 
     text = " ".join(capsys.readouterr().out.split())
     for option in option_flags(options):
         assert re.search(rf"--{option}[ ,]", text), option
-    for field in dataclasses.fields(options):
-        assert get_field_docstring(options, field.name, ())
+    for owner, field, option in option_fields(options):
+        assert get_field_docstring(owner, field.name, ())
         if field.default not in (None, False, (), dataclasses.MISSING):
-            assert "default" in text.partition(f"--{field.name.replace('_', '-')}")[2], field.name
+            assert "default" in text.partition(f"--{option.replace('_', '-')}")[2], option
     assert "default: None" not in text and "default: False" not in text

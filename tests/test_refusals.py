@@ -13,7 +13,7 @@ import pytest
 from tyro.conf import Positional
 
 from mrwarp import cli
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.options.command_line import CommandLine, OptionError, parse
 from mrwarp.options.option_types import one, some
 from mrwarp.recording.load import Holding
@@ -275,7 +275,7 @@ def test_currents_of_a_task_are_numbers(current: float) -> None:
     """Wherever in the list they stand: the least of numbers and NaN is either."""
     for currents in ((0.5, current), (current, 0.5)):
         with pytest.raises(ValueError, match="finite.* 0 A"):
-            replace(make_walk_cfg(), currents=currents)
+            replace(TaskCfg(), currents=currents)
         with pytest.raises(ValueError, match="finite.* 0"):
             ImpactCfg(variants=tuple(Variant(current=x) for x in currents))
     for wrong in ({"speed": math.nan}, {"force": (0.0, math.inf, 0.0)}):

@@ -12,9 +12,10 @@ import numpy as np
 import warp as wp
 
 from benchmarks.perf.timing import Turn
-from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.enums import ZStep
-from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.usd.robot import DEFAULT_Q, STAND_HEIGHT
 
 SOURCE = Path(__file__).resolve().parents[2] / "benchmarks" / "mr_loop.c"

@@ -20,10 +20,9 @@ import warp as wp
 from benchmarks.perf.newton_lstm import NewtonLstm
 from benchmarks.perf.timing import Turn
 from mrwarp.actuator.residual import LearnedTorque, window_now
-from mrwarp.enums import ResidualEngine
+from mrwarp.enums import LstmState, ResidualEngine
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.nn import network_file
-from mrwarp.nn.models import LstmState
 from mrwarp.nn.network_file import LearnedModel
 
 TOLERANCE = 2e-5

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.perf.timing import Spread
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer
 from mrwarp.runtime import one_torch_thread
 
 
@@ -34,8 +35,8 @@ def measure(
     Returns:
         Spread of ``collect`` and ``learn`` [s] and of ``learn_share``, and ``steps_per_second``.
     """
-    env = make_walk_cfg(num_envs=num_envs, threads=threads, device=device)
-    trainer = Trainer(TrainCfg(env=env, out=out, iterations=updates + 2, until_gate=False))
+    env = TaskCfg(num_envs=num_envs, threads=threads, device=device)
+    trainer = Trainer(TrainCfg(task=env, run=RunCfg(out=out, iterations=updates + 2, no_gate=True)))
     trainer.timed = True
     collect, learn = [], []
     with one_torch_thread():

@@ -11,21 +11,19 @@ import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import Coupling
+from mrwarp.enums import Coupling, LstmState
 from mrwarp.env.backend import BackendKind, MjBatchBackend
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.launch import Launch
-from mrwarp.nn.models import LstmState
-from mrwarp.nn.network_file import shipped_model
 from mrwarp.trials.walking import Policy
 
 VARIANTS: dict[str, dict[str, Any]] = {
-    "pd": {"actuator_model": "none"},
+    "pd": {"actuator": "none"},
     "bouc_wen": {},
     "explicit": {"coupling": Coupling.EXPLICIT},
-    "lstm": {"actuator_model": "pg_rlstm"},
-    "lstm_window": {"actuator_model": "pg_rlstm", "lstm_state": LstmState.WINDOW},
+    "lstm": {"actuator": "pg_rlstm"},
+    "lstm_window": {"actuator": "pg_rlstm", "lstm_state": LstmState.WINDOW},
     "mjwarp_eager": {"backend": BackendKind.MJWARP},
     "mjwarp_captured": {"backend": BackendKind.MJWARP},
 }
@@ -63,17 +61,16 @@ def variant_cfg(
     seed: int = 0,
     device: str = "cpu",
     backend: BackendKind | None = None,
-) -> EnvCfg:
+) -> TaskCfg:
     """The training task (noise, random robots, pushes, resets) with one of :data:`VARIANTS`.
 
     ``backend`` is the engine of variants that do not name theirs; None takes the device's own.
     """
     settings = {"backend": backend, **VARIANTS[name]}
-    kind = settings.get("actuator_model", "bouc_wen")
-    cfg = make_walk_cfg(
-        num_envs=num_envs, threads=threads, seed=seed, device=device, actuator_file=shipped_model(kind), **settings,
+    cfg = TaskCfg(
+        num_envs=num_envs, threads=threads, seed=seed, device=device, **settings,
     )  # fmt: skip
-    return replace(cfg, sim=replace(cfg.sim, capture=name != "mjwarp_eager"))
+    return replace(cfg, capture=name != "mjwarp_eager")
 
 
 def repeated(state: dict[str, torch.Tensor], count: int, wanted: int) -> dict[str, torch.Tensor]:

@@ -13,9 +13,10 @@ import numpy as np
 import warp as wp
 
 from benchmarks.verify.rigs import LOADED, MOTORLESS, Link, Load, convergence_order, link_scene, root_mean_square
-from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.enums import Coupling
-from mrwarp.env.sim import ActuatedSim, SimCfg
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import ActuatedSim
 from mrwarp.params import MrParams
 
 SECONDS = 2.0

@@ -22,7 +22,7 @@ import torch
 from benchmarks.verify.rigs import mass_matrix, standing_robot
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import MjBatchBackend
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.sim import ActuatedSim
 from mrwarp.kernels import ledger
 from mrwarp.trials.walking import Policy, make_env
@@ -190,8 +190,8 @@ def walking(policy: Policy, *, seed: int, dt: float = DT) -> LedgerRun:
         RuntimeError: a robot fell, and its ledger was emptied on the way.
     """
     num_envs = len(CURRENT_GROUPS)
-    cfg = make_walk_cfg(num_envs=num_envs, seed=seed, threads=1)
-    cfg = replace(cfg, sim=replace(cfg.sim, dt=dt, keep_data=True), decimation=round(cfg.step_dt / dt))
+    cfg = TaskCfg(num_envs=num_envs, seed=seed, threads=1)
+    cfg = replace(cfg, dt=dt, keep_data=True, decimation=round(cfg.step_dt / dt))
     env = make_env(cfg, num_envs, seed)
     meter = EnergyMeter(env.robot)
     env.set_command(torch.tensor([0.4, 0.0, 0.0]))

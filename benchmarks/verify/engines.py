@@ -30,8 +30,9 @@ import warp as wp
 
 from benchmarks.verify.rigs import mass_matrix, stance, standing_robot
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import ActuatedSim, Sim, robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import DEFAULT_Q
@@ -339,7 +340,7 @@ def same_at_any_thread_count(*, seed: int) -> bool:
     """Whether 200 policy steps of random actions give the same bits at one and two threads (``mjbatch``)."""
     runs, num_envs = [], 16
     for threads in (1, 2):
-        cfg = make_walk_cfg(num_envs=num_envs, seed=seed, threads=threads)
+        cfg = TaskCfg(num_envs=num_envs, seed=seed, threads=threads)
         env, generator = WalkEnv(replace(cfg, episode_seconds=2.0)), torch.Generator().manual_seed(seed)
         history = []
         for _ in range(200):

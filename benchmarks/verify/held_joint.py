@@ -19,10 +19,11 @@ from benchmarks.verify.rigs import (
     yield_torque,
 )
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.enums import Coupling, HoldCurrent
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_bench

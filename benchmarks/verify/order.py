@@ -9,8 +9,9 @@ import numpy as np
 import warp as wp
 
 from benchmarks.verify.rigs import convergence_order, root_mean_square, stance
-from mrwarp.actuator.mr_actuator import MrActuatorCfg
-from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q
 
 STEPS = (0.005, 0.0025, 0.00125)

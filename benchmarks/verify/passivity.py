@@ -10,11 +10,12 @@ import torch
 import warp as wp
 
 from benchmarks.verify.rigs import MOTORLESS, Link, WorkMeter, link_scene, standing_robot
-from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.sim import ActuatedSim, SimCfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import ActuatedSim
 from mrwarp.params import MrParams
 from mrwarp.trials.walking import Policy, make_env
 from mrwarp.usd.robot import CURRENT_GROUPS, JOINTS
@@ -89,8 +90,8 @@ def walking_robot(
         backend: The engine.
     """
     num_envs = len(CURRENT_GROUPS)
-    cfg = make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, backend=backend)
-    env = make_env(replace(cfg, sim=replace(cfg.sim, keep_data=True)), num_envs, seed)
+    cfg = TaskCfg(num_envs=num_envs, seed=seed, coupling=coupling, backend=backend)
+    env = make_env(replace(cfg, keep_data=True), num_envs, seed)
     meter, generator = WorkMeter(env.robot), torch.Generator().manual_seed(seed)
     env.set_command(torch.tensor([0.4, 0.0, 0.0]))
     obs, action = env.get_observations(), torch.zeros(env.num_envs, len(JOINTS))

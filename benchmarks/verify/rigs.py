@@ -10,10 +10,12 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.enums import Coupling, HoldCurrent
 from mrwarp.env.backend import MjBatchBackend, MjWarpBackend
-from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
-from mrwarp.env.sim_model import Scene, SolverCfg, set_brake_constraint
+from mrwarp.env.config.sim_cfg import SimCfg, SolverCfg
+from mrwarp.env.sim import ActuatedSim, Sim, robot_scene
+from mrwarp.env.sim_model import Scene, set_brake_constraint
 from mrwarp.kernels import ledger
 from mrwarp.paper import GRAVITY
 from mrwarp.params import MrParams

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.effect_runtime import added_inertia
-from mrwarp.actuator.mr_actuator import ActuatorInputs, DeviceAlone, MrActuator, MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, DeviceAlone, MrActuator
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.model_file import Model
 from mrwarp.params import MrParams

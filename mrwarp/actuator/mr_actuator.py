@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import warp as wp
 
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
 from mrwarp.effects.step_kernel import EffectArrays, effect_step_kernel, step_kernel
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
@@ -80,31 +81,6 @@ class DeviceAlone:
     kp: float = 0.0
     kd: float = 0.0
     tau_limit: float = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class MrActuatorCfg:
-    """Choices of the actuator model."""
-
-    coupling: Coupling = Coupling.CONSTRAINT
-    """How the device acts on the joint."""
-    hold_current: HoldCurrent = HoldCurrent.SUPPORT
-    """Current while the holding gate is open."""
-    z_step: ZStep = ZStep.EXACT
-    """Step of the hysteresis state."""
-    sal: bool = True
-    """Whether the gates may open (SAL on); False closes both branches."""
-    damping: bool = True
-    """Whether the dynamic damping branch may open (eq. 5)."""
-    holding: bool = True
-    """Whether the holding branch may open (eq. 8); False leaves damping alone, as in the paper's section 6.3."""
-    gated: bool = True
-    """False: no gates, a plain current-driven device. The coil gets ``inputs.current_e``, a learned torque always acts,
-    and nothing holds."""
-    latch: float = 5.0
-    """Speed at which a device with ``inputs.command`` that holds lets go, in eps_hold of eq. 8: the gate's hysteresis
-    keeps a joint that creeps about the threshold from switching its coil. 1 is the paper's gate; 2 saves nothing, 5
-    saves a watt of 110 (docs/coil_commands.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)

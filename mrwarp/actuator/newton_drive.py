@@ -45,16 +45,10 @@ from newton.actuators import DriveNeuralLSTM as DriveNeuralLSTM  # timed against
 
 import mrwarp.usd.open_stage  # registers the USD schema; must come before the first stage is opened
 from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.effect_runtime import added_inertia
-from mrwarp.actuator.mr_actuator import (
-    ActuatorInputs,
-    Coupling,
-    DeviceAlone,
-    HoldCurrent,
-    MrActuator,
-    MrActuatorCfg,
-    ZStep,
-)
+from mrwarp.actuator.mr_actuator import ActuatorInputs, DeviceAlone, MrActuator
+from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.kernels.mr_stages import brake_bounds_kernel, drive_gather_kernel, drive_reset_kernel, drive_torque_kernel
 from mrwarp.model_file import Effect, check_effects, load_model
@@ -258,7 +252,7 @@ class DriveMR(DriveBase):
             OtherDeviceError: it learned another device than one of the drive's.
         """
         from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen  # torch and onnx: the drive does without
-        from mrwarp.nn.models import LstmState
+        from mrwarp.enums import LstmState
         from mrwarp.nn.network_file import DEVICE
 
         rows = np.unique(np.stack([self.param(name).numpy() for name in DEVICE], axis=1), axis=0)

@@ -23,13 +23,13 @@ from torch import nn
 
 from mrwarp.actuator.torch_residual import CarriedNet, TorchTorque, rest_states
 from mrwarp.effects.catalogue import HYSTERESIS
-from mrwarp.enums import ResidualEngine
+from mrwarp.enums import LstmState, ResidualEngine
 from mrwarp.kernels import learned_torque as learned
 from mrwarp.kernels import lstm_lanes
 from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.model_file import Effect, acting
-from mrwarp.nn.models import LstmState, LstmTorque, MlpTorque
+from mrwarp.nn.models import LstmTorque, MlpTorque
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
 

@@ -227,11 +227,11 @@ class Learn(Options):
         """0 when done, 2 on bad input (nothing is written), 130 after Ctrl-C (the best is written)."""
         check_writable(self.out)
 
+        from mrwarp.enums import LstmState
         from mrwarp.identify import learn
         from mrwarp.identify.contradictions import refuse_contradictions
         from mrwarp.model_file import load_model
         from mrwarp.nn import network_file
-        from mrwarp.nn.models import LstmState
         from mrwarp.nn.training import FitCfg, epochs_shown, plot_history
         from mrwarp.recording.load import load_recording
 

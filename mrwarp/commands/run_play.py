@@ -6,21 +6,21 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import create_mutex_group
 
-from mrwarp.enums import ACTUATORS, TERRAINS, Coupling, CurrentCommand, HoldCurrent, ZStep
+from mrwarp.enums import ZStep
+from mrwarp.env.cfg import PlantCfg, TaskCfg
 from mrwarp.options import option_types as opt
-from mrwarp.options.command_line import CommandLine, given
-from mrwarp.resources import shipped_model
+from mrwarp.options.command_line import CommandLine, Options, given, parse
 from mrwarp.run_dir import check_output, write_result
 from mrwarp.runtime import drawing
+from mrwarp.usd.robot import CURRENT_GROUPS
 
 if TYPE_CHECKING:
-    from mrwarp.env.cfg import EnvCfg
     from mrwarp.viewing.live_view import Player
     from mrwarp.viewing.viewer import WebViewer
 
@@ -30,6 +30,12 @@ WARMUP = 2.0
 MAX_SHOWN = 8
 """Most robots that are drawn; with more environments these are spread over all of them."""
 
+TRAINED = (
+    "robot", "payload", "actuator", "lstm_state", "gains", "coupling", "hold_current", "z_step", "sal", "current_by",
+    "coil_lag", "hold_speed", "terrain",
+)  # fmt: skip
+"""Fields of the task that are a policy's own, unless an option says else. Files and the machine are the user's."""
+
 WHO = create_mutex_group(required=True, title="who walks")
 
 port = opt.checked(int, lambda n: 1 <= n <= 65535, "; allowed: 1 to 65535")
@@ -37,13 +43,14 @@ duration = opt.checked(float, lambda s: 1.0 <= s < math.inf, " must be a finite 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Play(opt.RobotOptions):
+class Play(Options):
     """Run a policy with one robot per MR current side by side, and show it in rerun, in a recording or in a picture.
 
-    Without --rrd, --connect, --serve-web, --png and --out, rerun's window opens. The default of each option on the
-    robot is what the policy was trained with.
+    Without --rrd, --connect, --serve-web, --png and --out, rerun's window opens. The default of each option on robot,
+    devices and ground is what the policy was trained with; there are as many robots as currents.
     """
 
+    renamed = {"actuator-model": "actuator-file"}
     policy: Annotated[opt.OptionalText, WHO] = None
     """exported policy (.onnx), as 'mrwarp train' writes it"""
     agent: Annotated[Literal["zero", "random", "sine"] | None, WHO] = None
@@ -62,36 +69,11 @@ class Play(opt.RobotOptions):
     """save a picture: five instants and time series"""
     out: opt.OptionalFolder = None
     """folder for result.json, the measured figures"""
-    num_envs: opt.Count = len(opt.CURRENTS)
-    """robots (default: one with each current)"""
-    current: opt.Currents = opt.CURRENTS
-    """currents I_e [A], over equal groups of robots"""
     speed: opt.Speed = 0.5
     """commanded forward speed [m/s]"""
     seconds: Annotated[float, opt.one(duration, "S")] = 10.0
     """time shown [s]"""
-    seed: opt.Seed = 0
-    """seed of initial poses and of --agent random"""
-    device: str = "cpu"
-    """cpu or cuda:N"""
-    robot: Annotated[str | None, opt.ROBOT] = None
-    """robot variant of the USD asset, or a USD file of 'mrwarp robot import'"""
-    payload: Annotated[float | None, opt.one(opt.load, "KG")] = None
-    """mass on the back [kg]"""
-    sal: Literal["on", "off"] | None = None
-    """whether the gates may open"""
-    actuator: Annotated[str | None, opt.one_of(ACTUATORS)] = None
-    """torque model of the MR joint"""
-    actuator_model: opt.OptionalText = None
-    """trained network of --actuator mlp, lstm or pg_rlstm"""
-    terrain: Annotated[str | None, opt.one_of(TERRAINS)] = None
-    """ground; on rough ground the robots stand on different tiles"""
-    coupling: Coupling | None = None
-    """how the device acts"""
-    hold_current: HoldCurrent | None = None
-    """current while holding"""
-    z_step: ZStep | None = None
-    """step of the hysteresis state (default: the policy's with its own devices, else exact)"""
+    plant: PlantCfg = field(default_factory=lambda: PlantCfg(num_envs=len(CURRENT_GROUPS)))
 
     def check(self) -> None:
         """Refuse also a robot that the policy was not made for."""
@@ -99,13 +81,17 @@ class Play(opt.RobotOptions):
         if self.policy:
             from mrwarp.rl.policy_file import check_robot
 
-            check_robot(Path(self.policy), self.robot, self.asset)
+            check_robot(Path(self.policy), self._robot(), self.plant.asset)
+
+    def _robot(self) -> str | None:
+        """The robot that is asked for; None: the one that the policy was trained on."""
+        return None if self.plant.robot == PlantCfg().robot else self.plant.robot
 
     def run(self, line: CommandLine) -> int:
         """0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
         if self.agent == "sine":
             return self._sine(line)
-        player = self._prepare(given(line))
+        player = self._prepare(line)
         web = player.sink.web if player.sink else None
         try:
             return self._play(line, player, web)
@@ -120,34 +106,31 @@ class Play(opt.RobotOptions):
 
         for path, suffix in ((self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
-        asset = load_robot(robot=self.robot or "mr_go")
+        asset = load_robot(robot=self.plant.robot)
         if not fixed_base.is_arm(asset):
             raise ValueError("--agent sine: is for an arm; a robot with legs takes --policy, or --agent zero or random")
-        currents = taken_currents(asset.actuators, self.current, opt.CURRENTS)
-        options = {"seconds": self.seconds, "coupling": self.coupling or Coupling.CONSTRAINT}
-        options["z_step"] = self._z_step({})
-        scene, trace = fixed_base.move(asset, currents, target=fixed_base.sine, **options)
+        currents = taken_currents(asset.actuators, self.plant.currents, CURRENT_GROUPS)
+        device = {"coupling": self.plant.coupling, "z_step": self.plant.z_step}
+        scene, trace = fixed_base.move(asset, currents, target=fixed_base.sine, seconds=self.seconds, **device)
         rows = fixed_base.figures(scene, trace, currents)
         print("\n".join(fixed_base.lines(rows, "carriage" if fixed_base.has_rail(asset) else "last link")))
         if self.out:
-            print(f"figures: {write_result(self.out, {'by_current': rows}, seed=self.seed, command=str(line))}")
+            print(f"figures: {write_result(self.out, {'by_current': rows}, seed=self.plant.seed, command=str(line))}")
         if self.png:
             with drawing(self.png.name):
                 fixed_base.picture(scene, trace, currents, self.png, f"{asset.path.name}: a sine at every joint")
                 print(f"picture: {self.png}")
         return 0
 
-    def _prepare(self, typed: set[str]) -> Player:
-        """The player, with its viewers open; nothing is written when something is wrong.
-
-        ``typed``: options that were given.
-        """
+    def _prepare(self, line: CommandLine) -> Player:
+        """The player, with its viewers open; nothing is written when something is wrong."""
+        typed = given(line, Play)
         for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
         if self.policy:
             from mrwarp.rl.policy_file import check_robot
 
-            if note := check_robot(Path(self.policy), self.robot, self.asset):
+            if note := check_robot(Path(self.policy), self.plant.robot if "robot" in typed else None, self.plant.asset):
                 print(note, flush=True)
 
         from mrwarp.rl.policy import OnnxPolicy
@@ -157,11 +140,10 @@ class Play(opt.RobotOptions):
         from mrwarp.viewing.viewer import DEFAULT_URL
 
         policy = OnnxPolicy(self.policy) if self.policy else None
-        cfg = self._cfg(policy.description.get("task", {}) if policy else {})
-        currents = taken_currents(devices_of(cfg), self.current, opt.CURRENTS)
-        env = make_env(
-            replace(cfg, currents=currents), self.num_envs if "num_envs" in typed else len(currents), self.seed
-        )
+        cfg = self._cfg(line, policy.description.get("task", {}) if policy else {})
+        currents = taken_currents(devices_of(cfg), cfg.currents, CURRENT_GROUPS)
+        robots = cfg.num_envs if "num_envs" in typed else len(currents)
+        env = make_env(replace(cfg, currents=currents), robots, cfg.seed)
         for text in device_lines(env.sim.scene.actuators):
             print(text, flush=True)
         if policy:  # it runs on the CPU
@@ -186,7 +168,7 @@ class Play(opt.RobotOptions):
         cfg, agent = player.env.cfg, self.policy or f"agent {self.agent}"
         print(
             f"{agent}: {len(player.currents)} of {player.env.num_envs} robots shown ({cfg.robot}, "
-            f"payload {cfg.payload:g} kg, SAL {'on' if cfg.actuator.sal else 'off'}, "
+            f"payload {cfg.payload:g} kg, SAL {'on' if cfg.sal else 'off'}, "
             f"{'rough' if cfg.terrain else 'flat'} ground), {self.speed:g} m/s for {self.seconds:g} s",
             flush=True,
         )
@@ -213,9 +195,9 @@ class Play(opt.RobotOptions):
             _report(figures, wall)
             if self.out:
                 figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
-                print(f"figures: {write_result(self.out, figures, seed=self.seed, command=str(line))}")
+                print(f"figures: {write_result(self.out, figures, seed=self.plant.seed, command=str(line))}")
         if self.png and len(player.frames) > 1:
-            where = f"{cfg.robot}, payload {cfg.payload:g} kg, command {self.speed:g} m/s, seed {self.seed}"
+            where = f"{cfg.robot}, payload {cfg.payload:g} kg, command {self.speed:g} m/s, seed {cfg.seed}"
             title = f"{Path(agent).name} on {where}{', rough ground' * bool(cfg.terrain)}"
             with drawing(self.png.name):
                 contact_sheet(player.env.sim.scene, Frames.join(player.frames), player.currents, self.png, title=title)
@@ -226,53 +208,39 @@ class Play(opt.RobotOptions):
             print()
         return code
 
-    def _cfg(self, task: dict[str, Any]) -> EnvCfg:
+    def _cfg(self, line: CommandLine, trained: dict[str, Any]) -> TaskCfg:
         """The options' values, else those of the policy's training.
 
         Args:
-            task: The policy's task, as :func:`mrwarp.rl.checkpoint.task` describes it; empty without a policy.
+            line: What was typed.
+            trained: The policy's task, see :mod:`mrwarp.rl.task_record`; empty without a policy.
 
         Raises:
-            ValueError: the policy was made for another action scale or rate than this version has.
+            ValueError: the policy was made for another action scale or rate than this version has, or its task cannot
+                be read.
         """
-        from mrwarp.env.cfg import make_walk_cfg
+        from mrwarp.rl.task_record import task_of
 
-        def chosen(name: str, default: Any) -> Any:
-            option = getattr(self, name)
-            return task.get(name, default) if option is None else option
-
-        actuator = chosen("actuator", "bouc_wen")
-        cfg = make_walk_cfg(
-            **self.chosen("device", "seed", "asset", "model"),
-            robot=chosen("robot", "mr_go"),
-            payload=chosen("payload", 0),
-            actuator_model=actuator,
-            actuator_file=self.actuator_model or shipped_model(actuator),
-            coupling=Coupling(chosen("coupling", "constraint")),
-            hold_current=HoldCurrent(chosen("hold_current", "support")),
-            current=CurrentCommand(task.get("current", "fixed")),
-            coil_lag=task.get("coil_lag"),
-            hold_speed=task.get("hold_speed"),
-            z_step=self._z_step(task),
-            sal=task.get("sal", True) if self.sal is None else self.sal == "on",
-            terrain=chosen("terrain", "flat"),
-        )
+        cfg = TaskCfg(num_envs=len(CURRENT_GROUPS))
         for name in ("action_scale", "step_dt", "gait_frequency"):
-            theirs, ours = task.get(name, getattr(cfg, name)), getattr(cfg, name)
+            theirs, ours = trained.get(name, getattr(cfg, name)), getattr(cfg, name)
             if not (isinstance(theirs, int | float) and math.isclose(theirs, ours)):
                 raise ValueError(f"{self.policy}: made for {name} = {theirs}, this version has {ours}")
-        return replace(cfg, currents=self.current)
-
-    def _z_step(self, task: dict[str, Any]) -> ZStep:
-        """The step that is asked for, else the policy's: files of earlier versions that name none had Euler's.
-
-        Devices that the policy was not trained with take the exact one.
-        """
-        if self.z_step is not None:
-            return self.z_step
-        named = {name: getattr(self, name) for name in ("robot", "asset", "model")}
-        others = any(value is not None and value != task.get(name) for name, value in named.items())
-        return ZStep.EXACT if others or not task else ZStep(task.get("z_step", "euler"))
+        if trained:
+            try:
+                theirs = task_of({name: value for name, value in trained.items() if name in (*TRAINED, "current")})
+            except ValueError as error:
+                raise ValueError(f"{self.policy}: {error}; train it again") from None
+            cfg = replace(cfg, **{name: getattr(theirs, name) for name in TRAINED})
+        plant = PlantCfg(**{each.name: getattr(cfg, each.name) for each in fields(PlantCfg)})
+        plant = parse(Play, line.argv, line.prog, Play(plant=plant)).plant
+        typed = given(line, Play)
+        others = any(
+            name in typed and getattr(plant, name) != trained.get(name) for name in ("robot", "asset", "model")
+        )
+        if others and "z_step" not in typed:  # devices that the policy was not trained with
+            plant = replace(plant, z_step=ZStep.EXACT)
+        return replace(cfg, **{each.name: getattr(plant, each.name) for each in fields(PlantCfg)})
 
 
 def make_agent(name: str, env: Any) -> Callable[[Any], Any]:

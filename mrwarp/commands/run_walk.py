@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from mrwarp import paper
-from mrwarp.enums import Coupling, CurrentCommand
+from mrwarp.enums import CurrentCommand
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.options import option_types as opt
-from mrwarp.options.command_line import CommandLine
+from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import write_result
 from mrwarp.runtime import drawing
 
 if TYPE_CHECKING:
-    from mrwarp.env.cfg import EnvCfg
     from mrwarp.trials.mission import MissionCfg
     from mrwarp.trials.walking import Policy
 
@@ -57,7 +57,7 @@ Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnergyOptions(opt.SteppedRobot):
+class EnergyOptions(opt.RobotChoice, opt.DeviceChoice, Options):
     """Shared options of the measurements of energy: policies, devices and the numbers of the models."""
 
     policy: opt.OptionalFile = None
@@ -72,8 +72,6 @@ class EnergyOptions(opt.SteppedRobot):
     """JSON with numbers of the models, as --calibrate writes it"""
     set: Annotated[tuple[str, ...], opt.some(str, "NAME=VALUE", least=0)] = ()
     """single numbers, e.g. regeneration=0"""
-    coupling: Coupling = Coupling.CONSTRAINT
-    """how the device acts"""
     branches: Literal["both", "holding"] = "both"
     """SAL with damping and holding, or holding alone"""
     current: Annotated[float, opt.one(used_current, "A")] = 1.5
@@ -85,33 +83,44 @@ class EnergyOptions(opt.SteppedRobot):
     seed: opt.Seed = 0
     """seed of poses and gait phases"""
 
-    def env_cfg(self) -> EnvCfg:
+    def env_cfg(self) -> TaskCfg:
         """The task that the options ask for."""
-        from mrwarp.env.cfg import make_walk_cfg
+        trained = self._trained()
+        return TaskCfg(
+            **self.chosen("coupling", "asset", "model", "z_step", "threads"),
+            currents=(self.current,),
+            damping=self.branches == "both",
+            current_by=trained.current_by,
+            coil_lag=trained.coil_lag,
+            hold_speed=trained.hold_speed,
+        )
 
-        env = make_walk_cfg(**self.chosen("coupling", "asset", "model", "z_step", "threads"), **self._coils())
-        return replace(env, currents=(self.current,), actuator=replace(env.actuator, damping=self.branches == "both"))
-
-    def _coils(self) -> dict[str, Any]:
-        """Source of the coils' commands, their lag and gate, as the policy was trained unless an option says else.
+    def _trained(self) -> TaskCfg:
+        """The policy's task, whose coils are commanded as it was trained unless an option says else.
 
         Raises:
             ValueError: the policy commands the coils and the option says that it does not, or the other way round.
         """
         path = self.policy_mr_go_sal or self.policy
-        if path is None:
-            learns, task = False, {}
-        else:
+        learns, task = False, TaskCfg()
+        if path is not None:
             from mrwarp.rl.policy import OnnxPolicy
+            from mrwarp.rl.task_record import task_of
 
             policy = OnnxPolicy(path)
-            learns, task = policy.currents > 0, policy.description.get("task", {})
-        trained = task.get("current", "fixed")
-        command = self.current_by or CurrentCommand("learned" if learns else trained)
+            learns, said = policy.currents > 0, policy.description.get("task", {})
+            coils = ("current", "current_by", "coil_lag", "hold_speed")
+            try:
+                task = task_of({name: said[name] for name in coils if name in said})
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}; train it again") from None
+            if learns:
+                task = replace(task, current_by=CurrentCommand.LEARNED)
+        command = self.current_by or task.current_by
         if learns != (command is CurrentCommand.LEARNED):
             has = "commands the coils" if learns else "commands no coils"
             raise ValueError(f"--current-by {command.value}: {path or 'the shipped policy'} {has}; name another policy")
-        return {"current": command, **{name: task.get(name) for name in ("coil_lag", "hold_speed")}}
+        return replace(task, current_by=command)
 
     def read_policies(self) -> dict[str, Policy]:
         """Policy of each robot, by default trained with its coupling; files that are the same are loaded once.

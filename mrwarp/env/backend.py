@@ -7,7 +7,6 @@ batch's rows, or MuJoCo-Warp's own float32 arrays. A backend steps; what the num
 from __future__ import annotations
 
 import copy
-import importlib.util
 import os
 import weakref
 from typing import Protocol
@@ -17,9 +16,10 @@ import numpy as np
 import warp as wp
 
 from mrwarp.enums import BackendKind
+from mrwarp.env.config.sim_cfg import has_batch
 from mrwarp.runtime import uncollected
 
-HAS_BATCH = importlib.util.find_spec("mujoco.batch") is not None
+HAS_BATCH = has_batch()
 """Whether this MuJoCo has ``mujoco.batch``: it came with 3.17, after the oldest that a drive works with."""
 
 if HAS_BATCH:

@@ -11,33 +11,19 @@ I_e, or the support current at 200 Hz.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 import warp as wp
 
 from mrwarp.enums import CurrentCommand
+from mrwarp.env.config.mdp_cfg import CommandCfg
 from mrwarp.env.rng import COMMAND, STEP, between, place
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.brake import holding_need, support_current
 from mrwarp.kernels.launch import Launch, record
 from mrwarp.kernels.ledger import COIL, MOTOR, MOTOR_SQUARE
 from mrwarp.kernels.mr_joint import JointParams
-
-
-@dataclass(frozen=True, kw_only=True)
-class CommandCfg:
-    """Velocity commands, drawn uniformly."""
-
-    v_x: tuple[float, float] = (0.2, 0.6)
-    """Forward speed [m/s]; the paper's 1.5 Hz gait reaches about 0.6 m/s (section 7)."""
-    v_y: tuple[float, float] = (0.0, 0.0)
-    """Lateral speed [m/s]."""
-    yaw_rate: tuple[float, float] = (-0.2, 0.2)
-    """Yaw rate [rad/s]."""
-    period: float = 5.0
-    """Time between new commands [s]."""
 
 
 @wp.kernel(enable_backward=False)

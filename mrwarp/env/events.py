@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 import warp as wp
 
 from mrwarp.actuator.mr_actuator import MrActuator
-from mrwarp.enums import RANDOMIZATIONS
+from mrwarp.env.config.mdp_cfg import RandomizeCfg
 from mrwarp.env.rng import DEVICE, POSE, PUSH, WIDTH, between, draw, place
 from mrwarp.env.sim import Sim
 from mrwarp.env.state import WalkState, clear_rows
@@ -28,39 +27,6 @@ JOINT_SPREAD = wp.constant(0.1)
 """Largest distance of a joint from the neutral stance at the start [rad]."""
 SPEED_SPREAD = wp.constant(0.1)
 """Largest component of the trunk's velocity [m/s] and angular velocity [rad/s] at the start."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RandomizeCfg:
-    """Differences between environments during training. Ranges are multiplied or added as the names say."""
-
-    friction: tuple[float, float] = (0.5, 1.1)
-    """Sliding friction of ground and feet [1]."""
-    added_mass: tuple[float, float] = (-0.5, 1.0)
-    """Mass added to the trunk [kg]."""
-    mr_scale: tuple[float, float] = (0.8, 1.2)
-    """Factor on the device's B, K0, K1 and T_max, drawn per environment and joint at every reset."""
-    gain_scale: tuple[float, float] = (0.9, 1.1)
-    """Factor on the motor gains kp and kd, per environment and joint."""
-    push_speed: float = 0.3
-    """Largest horizontal velocity kick [m/s]."""
-    push_interval: float = 6.0
-    """Mean time between kicks [s]."""
-
-
-def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
-    """Differences between training environments: a kind of :data:`RANDOMIZATIONS`, else ValueError.
-
-    ``all`` is everything that :class:`RandomizeCfg` has; ``ground`` friction and kicks, what legged_gym randomises by
-    default, and nothing of the robot.
-    """
-    if kind not in RANDOMIZATIONS:
-        raise ValueError(f"randomize = {kind!r} is unknown; choose from {', '.join(RANDOMIZATIONS)}")
-    if kind == "none":
-        return None
-    if kind == "ground":
-        return RandomizeCfg(added_mass=(0.0, 0.0), mr_scale=(1.0, 1.0), gain_scale=(1.0, 1.0))
-    return RandomizeCfg()
 
 
 @wp.kernel(enable_backward=False)

@@ -16,7 +16,7 @@ from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import MASS, MR_GO, STAND_HEIGHT
 
 if TYPE_CHECKING:
-    from mrwarp.env.cfg import EnvCfg
+    from mrwarp.env.cfg import TaskCfg
 
 FALL_COST = 1.0
 """Cost of a fall in the reward of a robot on one or two legs. At first it always falls, and the sum of
@@ -65,9 +65,9 @@ def scales_of(robot: str, asset: str | None = None) -> Scales:
     return Scales() if found.layout == MR_GO else scales(robot_scene(found))
 
 
-def in_natural_units(cfg: EnvCfg, scene: Scene) -> EnvCfg:
+def in_natural_units(cfg: TaskCfg, scene: Scene) -> TaskCfg:
     """The task with its numbers in proportion to the scene's robot; the same object for the shipped one."""
-    from mrwarp.env.rewards import TERMS  # brings torch, which a picture of a standing robot does without
+    from mrwarp.env.rewards import TERMS, weight  # brings torch, which a picture of a standing robot does without
 
     by = scales(scene)
     if by == Scales():
@@ -84,7 +84,7 @@ def in_natural_units(cfg: EnvCfg, scene: Scene) -> EnvCfg:
         fall_cost=cfg.fall_cost if scene.layout.legs[2:] else FALL_COST,
         rewards=replace(
             rewards,
-            weights={name: rewards.weight(name) / term.scale(by) for name, term in TERMS.items()},
+            weights={name: weight(rewards, name) / term.scale(by) for name, term in TERMS.items()},
             target_height=rewards.target_height * by.length,
             velocity_width=rewards.velocity_width * by.speed**2,
             yaw_width=rewards.yaw_width / by.time**2,

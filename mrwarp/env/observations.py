@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import warp as wp
 
+from mrwarp.env.config.mdp_cfg import NoiseCfg
 from mrwarp.env.rng import NOISE, WIDTH, between, place
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record_per_env
@@ -24,20 +23,6 @@ def actor_terms(joints: int, currents: int = 0) -> dict[str, int]:
 
 QD_SCALE, F_FOOT_SCALE, TORQUE_SCALE = 0.05, 0.02, 0.05
 """Factors on joint velocities, foot forces and torques, so that all terms are of order one."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseCfg:
-    """Half-widths of the uniform noise on the actor's observations; public quadruped practice."""
-
-    gyro: float = 0.1
-    """Angular velocity [rad/s]."""
-    gravity: float = 0.03
-    """Projected gravity [1]."""
-    q: float = 0.01
-    """Joint position [rad]."""
-    qd: float = 0.5
-    """Joint velocity [rad/s]."""
 
 
 def critic_columns(joints: int, legs: int, devices: int, currents: int = 0) -> int:

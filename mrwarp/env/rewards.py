@@ -9,16 +9,16 @@ and the command line (``--reward NAME=WEIGHT``) take it from the list.
 
 from __future__ import annotations
 
-import math
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 import warp as wp
 
+from mrwarp.env.config.mdp_cfg import RewardCfg
 from mrwarp.env.gait import Legs, foot_height, swing_clearance
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record_per_env
@@ -55,52 +55,26 @@ def term(*, weight: float, scale: Callable[[Any], float] = lambda by: 1.0) -> Ca
     return listed
 
 
-@dataclass(frozen=True, kw_only=True)
-class RewardCfg:
-    """Weights of the reward terms, and the numbers that shape them.
-
-    Example:
-        >>> from mrwarp.env.rewards import RewardCfg
-        >>> RewardCfg(weights={"tilt": -100.0}).weight("tilt")
-        -100.0
+def check(cfg: RewardCfg) -> None:
+    """Refuse weights of terms that are not there.
 
     Raises:
-        ValueError: there is no such term, or a weight is no finite number.
+        ValueError: there is no such term; the message lists those that are.
     """
+    for name in cfg.weights:
+        if name not in TERMS:
+            raise ValueError(f"reward {name!r} is unknown; choose from {', '.join(TERMS)}")
 
-    weights: Mapping[str, float] = field(default_factory=dict)
-    """Weights per second that differ from the terms' own, by name; see :data:`TERMS`. ``power`` is per watt."""
-    winding_resistance: float = 0.128
-    """Phase resistance that the power is computed with [Ohm]; a public motor of this size has 0.105 to 0.13 (see
-    ``ElectricalCfg``). Not the calibrated number: the calibration needs trained policies."""
-    target_height: float = 0.32
-    """Wanted trunk height [m]; the paper's policies walk at 0.328 to 0.334."""
-    velocity_width: float = 0.04
-    """Squared velocity error at which tracking falls to 1/e [(m/s)^2]."""
-    yaw_width: float = 0.1
-    """Squared yaw-rate error at which tracking falls to 1/e [(rad/s)^2]."""
-    step_height: float = 0.06
-    """Clearance of a swinging foot at mid swing [m]."""
 
-    def __post_init__(self) -> None:
-        for name, weight in self.weights.items():
-            if name not in TERMS:
-                raise ValueError(f"reward {name!r} is unknown; choose from {', '.join(TERMS)}")
-            if not math.isfinite(weight):
-                raise ValueError(f"reward {name} = {weight} must be finite")
+def weight(cfg: RewardCfg, name: str) -> float:
+    """Weight of a term, per second."""
+    return cfg.weights.get(name, TERMS[name].weight)
 
-    def weight(self, name: str) -> float:
-        """Weight of a term, per second."""
-        return self.weights.get(name, TERMS[name].weight)
 
-    def weighing(self, **weights: float) -> RewardCfg:
-        """A copy with other weights of these terms."""
-        return replace(self, weights={**self.weights, **weights})
-
-    def flat(self) -> dict[str, float]:
-        """All weights by term, then the numbers that shape them: what a checkpoint keeps."""
-        shapes = {name: value for name, value in vars(self).items() if name != "weights"}
-        return {**{name: self.weight(name) for name in TERMS}, **shapes}
+def flat(cfg: RewardCfg) -> dict[str, float]:
+    """All weights by term, then the numbers that shape them."""
+    shapes = {name: value for name, value in vars(cfg).items() if name != "weights"}
+    return {**{name: weight(cfg, name) for name in TERMS}, **shapes}
 
 
 @wp.struct
@@ -320,5 +294,5 @@ def reward(s: WalkState, cfg: RewardCfg, step_dt: float, legs: Legs) -> Launch:
     arrays = [name for name in Seen.vars if hasattr(s, name)]
     for name in arrays:
         setattr(seen, name, wp.from_torch(getattr(s, name)))
-    weights = torch.tensor([cfg.weight(name) for name in TERMS], device=s.q.device)
+    weights = torch.tensor([weight(cfg, name) for name in TERMS], device=s.q.device)
     return record_per_env(rewards_kernel, len(s.q), [weights, seen], [s.terms, s.total])

@@ -3,69 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
 from mrwarp.enums import BackendKind, Coupling
 from mrwarp.env import sim_kernels
-from mrwarp.env.backend import HAS_BATCH, Backend, MjBatchBackend, MjWarpBackend
-from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
+from mrwarp.env.backend import Backend, MjBatchBackend, MjWarpBackend
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim_model import Edit, Scene, build_scene, named
 from mrwarp.kernels.launch import Launch, StepGraph, in_one_thread, record, record_per_env
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.converted import Field
 
 if TYPE_CHECKING:
     from mrwarp.actuator.residual import LearnedTorque
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimCfg:
-    """How the physics is stepped."""
-
-    num_envs: int = 64
-    """Number of environments E."""
-    device: str = "cpu"
-    """Warp device: ``cpu`` or ``cuda:N``."""
-    backend: BackendKind | None = None
-    """Engine; None takes ``mjbatch`` on the CPU and ``mjwarp`` on a GPU, and with MuJoCo before 3.17."""
-    dt: float = 0.005
-    """Physics and torque step [s], paper section 5.1."""
-    threads: int = 0
-    """CPU threads of ``mjbatch``; 0 = all. The results are the same bits for any number."""
-    solver: SolverCfg = field(default_factory=SolverCfg)
-    """Constraint solver options."""
-    capture: bool = True
-    """Run what can be captured as graphs: MuJoCo-Warp's whole steps, with ``mjbatch`` the kernels around each."""
-    keep_data: bool = False
-    """Keep each environment's whole ``MjData`` after a step of ``mjbatch``, for checks that read the solver's rows."""
-    deterministic: bool = False
-    """Sort MuJoCo-Warp's contacts and sums, see docs/determinism.md; a CPU repeats its bits anyway."""
-
-    def __post_init__(self) -> None:
-        if self.threads < 0:
-            raise ValueError(f"threads = {self.threads} must be 0 (all) or more")
-        if self.num_envs < 1:
-            raise ValueError(f"num_envs = {self.num_envs} must be at least 1")
-        if not 0.0 < self.dt <= 0.02:
-            raise ValueError(f"dt = {self.dt} s must lie in (0, 0.02]")
-
-    @property
-    def engine(self) -> BackendKind:
-        """The engine that ``backend`` and ``device`` choose.
-
-        Raises:
-            ValueError: ``mjbatch`` was asked for on a GPU.
-        """
-        batched = self.device == "cpu" and HAS_BATCH
-        kind = self.backend or (BackendKind.MJBATCH if batched else BackendKind.MJWARP)
-        if kind is BackendKind.MJBATCH and self.device != "cpu":
-            raise ValueError(f"backend mjbatch runs on the CPU, not on {self.device!r}; use mjwarp there")
-        return kind
 
 
 class Sim:

@@ -20,6 +20,7 @@ import numpy as np
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
 from mrwarp.enums import Coupling
+from mrwarp.env.config.sim_cfg import SolverCfg
 from mrwarp.usd.asset import JointActuator, RobotAsset
 from mrwarp.usd.converted import Field, converted
 from mrwarp.usd.robot import Layout
@@ -29,26 +30,6 @@ Edit = Callable[[mujoco.MjSpec], None]
 
 FOOT_SENSOR = "{leg}_foot_force"
 """Name of the contact sensor of a leg: net force on its foot [N]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SolverCfg:
-    """Options of MuJoCo's constraint solver."""
-
-    iterations: int = 30
-    """Largest number of Newton iterations."""
-    ls_iterations: int = 50
-    """Largest number of line-search iterations. Below 30 the stiff brake constraint fails silently."""
-    tolerance: float = 1e-8
-    """Stop when the scaled gradient is below this; float32 stepping cannot use less than 1e-6."""
-
-    def __post_init__(self) -> None:
-        if self.ls_iterations < brake_constraint.MIN_LS_ITERATIONS:
-            least = brake_constraint.MIN_LS_ITERATIONS
-            raise ValueError(
-                f"ls_iterations = {self.ls_iterations}: below {least} the brake constraint fails silently; "
-                f"use {least} or more"
-            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,12 +10,11 @@ from their top and from their bottom; every tile ends at height 0, so that neigh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 import warp as wp
 
+from mrwarp.env.config.mdp_cfg import TerrainCfg
 from mrwarp.env.gait import Legs, foot_point
 from mrwarp.env.rng import LEVEL, draw, place
 from mrwarp.env.state import WalkState
@@ -28,50 +27,6 @@ KINDS = ("rough", "slope_down", "step_up", "rough", "slope_up", "step_down")
 
 UNDER_ROBOT = 0.4
 """Half the edge of the square that a standing robot's feet are in [m]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TerrainCfg:
-    """Tiles and curriculum. The hardest level is mild: a 1.5 Hz trot lifts its feet by 0.06 m."""
-
-    levels: int = 6
-    """Levels of difficulty; the first is flat."""
-    tile: float = 8.0
-    """Edge of a tile [m]."""
-    cell: float = 0.1
-    """Spacing of the heights [m]."""
-    border: float = 10.0
-    """Flat ground around the tiles [m]: an episode from the middle of the last tile ends on it."""
-    platform: float = 1.0
-    """Half the edge of the flat middle of a pyramid [m]."""
-    roughness: float = 0.03
-    """Largest height above or below 0 of rough ground at the last level [m], at points every 0.2 m."""
-    slope: float = 0.2
-    """Steepest slope at the last level [1]."""
-    step: float = 0.05
-    """Highest step at the last level [m]."""
-    tread: float = 0.5
-    """Length of a step [m]."""
-    up_at: float = 0.8
-    """A robot goes up a level when it ends a whole episode having walked more than this share of what was commanded."""
-    down_at: float = 0.5
-    """It goes down when it walked less than this share, or fell."""
-    curriculum: bool = True
-    """Begin at level 0 and move; False spreads the environments over all levels and leaves them there."""
-    seed: int = 0
-    """Seed of the rough ground: the same field for every training."""
-
-    def __post_init__(self) -> None:
-        if self.levels < 2:
-            raise ValueError(f"levels = {self.levels} must be at least 2")
-        if not 0.0 < self.cell <= 0.25 * self.platform:
-            raise ValueError(
-                f"cell = {self.cell} m must be positive and at most a quarter of platform = {self.platform} m"
-            )
-        if self.tile < 4.0 * self.platform:
-            raise ValueError(f"tile = {self.tile} m must be at least four times platform = {self.platform} m")
-        if not 0.0 <= self.down_at <= self.up_at:
-            raise ValueError(f"need 0 <= down_at <= up_at, got {self.down_at} and {self.up_at}")
 
 
 def make_field(cfg: TerrainCfg) -> Field:

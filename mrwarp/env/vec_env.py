@@ -16,9 +16,9 @@ from tensordict import TensorDict
 from mrwarp.actuator.mr_actuator import PROPERTIES
 from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
 from mrwarp.energy.power import ElectricalCfg, copper_as_go1, copper_factor
-from mrwarp.enums import CurrentCommand
+from mrwarp.enums import LEARNED, CurrentCommand
 from mrwarp.env import commands, events, gait, observations, rewards, terminations
-from mrwarp.env.cfg import LEARNED, EnvCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.nan_guard import NanGuard
 from mrwarp.env.natural_units import in_natural_units, scales
 from mrwarp.env.rng import first_key
@@ -46,7 +46,7 @@ class WalkEnv(VecEnv):
     Args:
         cfg: The task, in numbers of the shipped robot; ``env.cfg`` has them in proportion to its own.
         edit: Changes to the MuJoCo specification, e.g. a body that falls on the robot.
-        residual: Learned torque of all devices, e.g. ``LearnedTorque(my_module, dt=cfg.sim.dt)``, in place of one of
+        residual: Learned torque of all devices, e.g. ``LearnedTorque(my_module, dt=cfg.dt)``, in place of one of
             ``cfg.actuator_file``. The devices keep their own coefficients of eqs. 14 and 15.
 
     Attributes:
@@ -64,24 +64,25 @@ class WalkEnv(VecEnv):
         last_observations: What the last step returned.
     """
 
-    cfg: EnvCfg
-    task: EnvCfg
+    cfg: TaskCfg
+    task: TaskCfg
     """As given, in numbers of the shipped robot."""
 
-    def __init__(self, cfg: EnvCfg, *, edit: Edit | None = None, residual: LearnedTorque | None = None) -> None:
+    def __init__(self, cfg: TaskCfg, *, edit: Edit | None = None, residual: LearnedTorque | None = None) -> None:
+        rewards.check(cfg.rewards)
         self.task = cfg
-        self.num_envs = cfg.sim.num_envs
-        self.device = torch.device(cfg.sim.device)
+        self.num_envs = cfg.num_envs
+        self.device = torch.device(cfg.device)
         self.max_episode_length = cfg.episode_steps
         asset, trained = _asset(cfg)
         _check_price(cfg, asset)
         if trained is not None and residual is not None:
-            raise ValueError(f"actuator_model = {cfg.actuator_model!r} brings a learned torque; give no other residual")
+            raise ValueError(f"actuator = {cfg.actuator!r} brings a learned torque; give no other residual")
         self.terrain = Terrain(cfg.terrain, self.num_envs, seed=cfg.seed) if cfg.terrain else None
-        scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit, self.terrain and self.terrain.field)
-        commanded = cfg.current is not CurrentCommand.FIXED
+        scene = robot_scene(asset, cfg, cfg.coupling, edit, self.terrain and self.terrain.field)
+        commanded = cfg.current_by is not CurrentCommand.FIXED
         choices = {"residual": residual or trained, "share_params": False, "commanded": commanded}
-        self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, **choices)
+        self.robot = ActuatedSim(scene, cfg, cfg, **choices)
         self.sim, self.actuator, self.substep_hooks = self.robot.sim, self.robot.actuator, self.robot.hooks
         if cfg.gains is not None:
             self._set_gains(*cfg.gains)
@@ -91,7 +92,7 @@ class WalkEnv(VecEnv):
         self.contact_force = gates[0] if gates else MrParams().gate.f_th * self.scales.mass
         self.cfg = cfg = in_natural_units(cfg, scene)
         joints, legs, devices = len(scene.actuators), len(scene.layout.legs), len(self.actuator.mr_joints)
-        currents = devices if cfg.current is CurrentCommand.LEARNED else 0
+        currents = devices if cfg.current_by is CurrentCommand.LEARNED else 0
         self.num_actions = joints + currents
         columns = observations.critic_columns(joints, self.sim.f_foot.shape[1], devices, currents)
         observed = sum(observations.actor_terms(joints, currents).values())
@@ -179,7 +180,7 @@ class WalkEnv(VecEnv):
 
         copper = wp.array(self._copper(), dtype=float, device=str(self.sim.device))
         self._take_actions = commands.take_actions(s, cfg.action_scale, copper)
-        self._command_current = commands.command_current(s, cfg.current, actuator.params, actuator.joint_of)
+        self._command_current = commands.command_current(s, cfg.current_by, actuator.params, actuator.joint_of)
         self._account = commands.account(s, copper, cfg.step_dt, cfg.gait_frequency)
         self._push = events.push(s, cfg.randomize, cfg.step_dt)
         self._derive = derive(everywhere)
@@ -301,25 +302,25 @@ class WalkEnv(VecEnv):
                 self.view(self.actuator.param(name)).fill_(gain)
 
 
-def _check_price(cfg: EnvCfg, asset: RobotAsset) -> None:
+def _check_price(cfg: TaskCfg, asset: RobotAsset) -> None:
     """Refuse a price of power where what the coils take is not known: the policy would take them for free.
 
     Raises:
         ValueError: a device's coil has no resistance, and may be used.
     """
     dark = [a.joint for a in asset.actuators if a.mr and a.mr.coil.coil_resistance == 0.0]
-    price = 0.0 - cfg.rewards.weight("power")
-    if price and cfg.actuator.sal and max(cfg.currents) > 0.0 and dark:
+    price = 0.0 - rewards.weight(cfg.rewards, "power")
+    if price and cfg.sal and max(cfg.currents) > 0.0 and dark:
         raise ValueError(
             f"--power-price {price:g}: the coil resistance of {', '.join(dark)} is not known, so coils "
             "would cost nothing; state it with 'mrwarp fit --coil-resistance R', or leave the price out"
         )
 
 
-def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
+def _asset(cfg: TaskCfg) -> tuple[RobotAsset, LearnedTorque | None]:
     """The robot with the devices of the task, and a learned torque to run in the loop.
 
-    A learned model brings its own Bouc-Wen coefficients; ``actuator_model`` none leaves plain motors on all joints.
+    A learned model brings its own Bouc-Wen coefficients; ``actuator`` none leaves plain motors on all joints.
 
     Raises:
         NetworkFileError: the network's file cannot be used, or holds another kind of model than the task's, or one that
@@ -327,7 +328,7 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
         SamplingRateError: the network was trained at another rate than the torque loop's.
     """
     asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
-    if cfg.actuator_model == "none":
+    if cfg.actuator == "none":
         asset = replace(asset, actuators=tuple(replace(a, mr=None) for a in asset.actuators))
     if cfg.model is not None:
         asset = with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
@@ -335,20 +336,21 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
     if given := {name: value for name, value in own.items() if value is not None}:
         actuators = (replace(a, mr=a.mr.replace(**given)) if a.mr else a for a in asset.actuators)
         asset = replace(asset, actuators=tuple(actuators))
-    if cfg.actuator_model not in LEARNED:
+    if cfg.actuator not in LEARNED:
         return asset, None
-    assert cfg.actuator_file is not None  # EnvCfg has checked
-    model = network_file.load(cfg.actuator_file)
-    if model.kind != cfg.actuator_model:
+    file = cfg.network
+    assert file is not None  # TaskCfg has checked
+    model = network_file.load(file)
+    if model.kind != cfg.actuator:
         raise network_file.NetworkFileError(
-            f"{cfg.actuator_file}: holds a {model.kind} model; use --actuator {model.kind} or another file"
+            f"{file}: holds a {model.kind} model; use --actuator {model.kind} or another file"
         )
     residual = LearnedTorque(
-        model, dt=cfg.sim.dt, engine=cfg.residual_engine, lstm_state=cfg.lstm_state, threads=cfg.sim.threads,
+        model, dt=cfg.dt, engine=cfg.residual_engine, lstm_state=cfg.lstm_state, threads=cfg.threads,
         capacity=cfg.window_capacity,
     )  # fmt: skip
     try:
         actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model, a.effects)) if a.mr else a for a in asset.actuators)
     except network_file.OtherDeviceError as error:
-        raise network_file.NetworkFileError(f"{cfg.actuator_file}: {error}") from None
+        raise network_file.NetworkFileError(f"{file}: {error}") from None
     return replace(asset, actuators=actuators), residual

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.enums import ZStep
+from mrwarp.enums import LstmState, ZStep
 from mrwarp.identify.contradictions import refuse_contradictions
 from mrwarp.identify.dataset import rms
 from mrwarp.identify.law_fit import model_torque
 from mrwarp.identify.replay import simulate
 from mrwarp.model_file import Model, acting
 from mrwarp.nn import network_file
-from mrwarp.nn.models import SAMPLES, LstmState, make_net
+from mrwarp.nn.models import SAMPLES, make_net
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.nn.training import FitCfg, History, Report, WindowSet, fit, rmse, split
 from mrwarp.params import BoucWenParams

@@ -7,8 +7,6 @@
 
 from __future__ import annotations
 
-import enum
-
 import torch
 from torch import nn
 
@@ -20,16 +18,6 @@ HIDDEN = 64
 
 SAMPLES = {"mlp": 3, "lstm": 50, "pg_rlstm": 50}
 """Samples that each kind of model sees; its keys are the kinds there are."""
-
-
-class LstmState(enum.Enum):
-    """Where an LSTM's hidden and cell state come from at the newest sample."""
-
-    CARRIED = "carried"
-    """Those of the sample before, carried on: one sample of work per step. What is further back than the window of
-    eq. 12 still counts, and predictions are better for it (models/README.md)."""
-    WINDOW = "window"
-    """Zero at the beginning of the last 50 samples (eq. 12), which are gone through again at every step."""
 
 
 class StandardScaler(nn.Module):

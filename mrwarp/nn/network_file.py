@@ -16,8 +16,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
-from mrwarp.enums import ZStep
-from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
+from mrwarp.enums import LstmState, ZStep
+from mrwarp.nn.models import FEATURES, SAMPLES, LstmTorque, TorqueNet, make_net
 from mrwarp.resources import META, MODELS, shipped_model  # noqa: F401  (where networks are looked for)
 from mrwarp.run_dir import atomic_write, no_file, one_line
 

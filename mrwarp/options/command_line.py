@@ -20,7 +20,15 @@ from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import tyro
 from tyro import _errors as events  # not public, see pyproject.toml
-from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional
+from tyro.conf import (
+    AvoidSubcommands,
+    DisallowNone,
+    EnumChoicesFromValues,
+    Fixed,
+    OmitArgPrefixes,
+    Positional,
+    SuppressFixed,
+)
 
 from mrwarp.options.file_kinds import refuse_other_kind
 from mrwarp.resources import model_path, no_model
@@ -54,7 +62,7 @@ INPUTS = {
             "start_from",
             "policies",
             "results",
-            "actuator_model",
+            "actuator_file",
             "packages",
         ),
         _PATH,
@@ -65,7 +73,7 @@ INPUTS = {
 OUTPUTS = ("out", "rrd", "png", "runs", "library", "pictures")
 """Options that name what is written."""
 
-_POSITIONAL = get_args(Positional[int])[1]
+_POSITIONAL, _FIXED = get_args(Positional[int])[1], get_args(Fixed[int])[1]
 _NO_DEFAULT = re.compile(r"\s*\(default:\s+(None|False|)\)")
 
 
@@ -98,12 +106,16 @@ class Options:
     """Whether it loads torch then; what recordings need does not."""
 
     renamed: ClassVar[dict[str, str]] = {}
-    """New name of each option that had another one, without the hyphens."""
+    """New spelling of each option that had another one, without the hyphens; ``name value`` for one value of it.
+
+    The old one is taken, and a line names the new one.
+    """
 
     @property
     def on_gpu(self) -> bool:
         """Whether a GPU was asked for."""
-        return getattr(self, "device", "cpu") != "cpu" or getattr(self, "gpus", 0) > 0
+        chosen = values(self)
+        return chosen.get("device", "cpu") != "cpu" or chosen.get("gpus", 0) > 0
 
     def check(self) -> None:
         """Refuse what needs no engine to be refused: files and devices that are not there, an unusable output folder.
@@ -113,14 +125,14 @@ class Options:
             FolderError: the output folder cannot be written.
         """
         self.check_inputs()
-        check_device(getattr(self, "device", "cpu"))
+        check_device(values(self).get("device", "cpu"))
         if out := self.output():
             check_writable(out)
 
     def output(self) -> Path | None:
         """The folder that the command fills, which no other run may fill at the same time; None: it has none."""
-        marks = getattr(get_type_hints(type(self), include_extras=True).get("out"), "__metadata__", ())
-        return getattr(self, "out", None) if any(getattr(mark, "metavar", "") == "DIR" for mark in marks) else None
+        marks = getattr(option_types(type(self)).get("out"), "__metadata__", ())
+        return values(self)["out"] if any(getattr(mark, "metavar", "") == "DIR" for mark in marks) else None
 
     def claimed(self) -> contextlib.AbstractContextManager[None]:
         """Keep other runs out of :meth:`output` while this one works.
@@ -136,18 +148,17 @@ class Options:
         Raises:
             ValueError: a file or folder is not there, or of another kind than the option's; the message names it.
         """
-        for field in dataclasses.fields(self):
-            reason = INPUTS.get("policy" if field.name.startswith("policy_") else field.name)
-            values = getattr(self, field.name)
-            for path in (values if isinstance(values, tuple) else (values,)) if reason else ():
-                named = isinstance(path, str) and field.name == "robot" and not Path(path).suffix
+        for name, chosen in values(self).items():
+            reason = INPUTS.get("policy" if name.startswith("policy_") else name)
+            for path in (chosen if isinstance(chosen, tuple) else (chosen,)) if reason else ():
+                named = isinstance(path, str) and name == "robot" and not Path(path).suffix
                 if not isinstance(path, str | Path) or named:
                     continue
-                if field.name in MODELS:
+                if name in MODELS:
                     reason, path = f"no such file; {no_model(path)}", model_path(path)
                 if not os.path.lexists(path):
                     raise ValueError(f"{path}: {reason}")
-                refuse_other_kind(Path(path), field.name)
+                refuse_other_kind(Path(path), name)
 
     def run(self, line: CommandLine) -> int:
         """Do the work; returns the exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""
@@ -160,11 +171,18 @@ class Options:
 
 OptionsT = TypeVar("OptionsT")
 
+_READ = (DisallowNone, EnumChoicesFromValues, OmitArgPrefixes, AvoidSubcommands, SuppressFixed)
+"""How tyro reads options: those of configurations within a command have no prefix, and what is fixed is not shown."""
 
-def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
+
+def parse(options: type[OptionsT], argv: Sequence[str], prog: str, default: OptionsT | None = None) -> OptionsT:
     """Read arguments.
 
-    ``prog`` is what the command is called in its help.
+    Args:
+        options: The command, or a part of one; its dataclasses are read as one list of options.
+        argv: The words.
+        prog: What the command is called in its help.
+        default: Values of what is not typed; None takes those of the fields.
 
     Raises:
         OptionError: they cannot be read.
@@ -177,24 +195,85 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
     printed = io.StringIO()
     try:
         with events.on_parse_error(refuse), contextlib.redirect_stdout(printed), _plain():
-            read: Any = Annotated[options, DisallowNone, EnumChoicesFromValues]
-            return tyro.cli(read, args=argv, prog=prog)
+            read: Any = Annotated[options, *_READ]
+            words = respelled(argv, options)
+            if default is None:
+                return tyro.cli(read, args=words, prog=prog)
+            return tyro.cli(read, args=words, prog=prog, default=default)
     except SystemExit:
         for text in _NO_DEFAULT.sub("", printed.getvalue()).splitlines():
             print(textwrap.fill(text, _width()) if len(text.rstrip()) > _width() else text.rstrip())
         raise
 
 
-def given(line: CommandLine) -> set[str]:
-    """Fields of the options that were typed, by name, with any value."""
-    return {word[2:].partition("=")[0].replace("-", "_") for word in line.argv if word.startswith("--")}
+def respelled(argv: Sequence[str], options: type) -> list[str]:
+    """The words, with options that have another name now under that."""
+    renamed, words = getattr(options, "renamed", {}), list(argv)
+    for k, word in enumerate(words):
+        name, equals, value = word.removeprefix("--").partition("=")
+        follows = value if equals else next(iter(words[k + 1 : k + 2]), "")
+        new = renamed.get(name) or renamed.get(f"{name} {follows}")
+        if new and word.startswith("--"):
+            words[k] = f"--{new}{equals}{value}"
+    return words
+
+
+def renamed_notes(argv: Sequence[str], options: type) -> list[str]:
+    """A line for each option that was typed under an earlier name."""
+    pairs = zip(argv, respelled(argv, options), strict=True)
+    return [f"note: {old.partition('=')[0]} is called {new.partition('=')[0]} now" for old, new in pairs if old != new]
+
+
+def given(line: CommandLine, options: type) -> set[str]:
+    """Options that were typed, by the names of their fields, with any value."""
+    words = respelled(line.argv, options)
+    return {word[2:].partition("=")[0].replace("-", "_") for word in words if word.startswith("--")}
+
+
+def option_types(options: type) -> dict[str, Any]:
+    """The type of every option by its name, those of configurations within included; what is fixed is none."""
+    found: dict[str, Any] = {}
+    for _, name, kind, inner in _fields(options):
+        found |= option_types(inner) if inner else {name: kind}
+    return found
+
+
+def values(options: Any) -> dict[str, Any]:
+    """The value of every option by its name, those of configurations within included."""
+    found: dict[str, Any] = {}
+    for field, name, _, inner in _fields(type(options)):
+        own = getattr(options, field.name)
+        found |= values(own) if inner else {name: own}
+    return found
+
+
+def option_fields(options: type) -> Iterator[tuple[type, dataclasses.Field[Any], str]]:
+    """The dataclass, the field and the name of every option, those of configurations within included."""
+    for field, name, _, inner in _fields(options):
+        yield from option_fields(inner) if inner else ((options, field, name),)
 
 
 def option_flags(options: type) -> dict[str, bool]:
     """Every ``--option`` of a command by its name without the hyphens, and whether it is a flag, without a value."""
+    named = {name: (get_args(kind) or (kind,)) for name, kind in option_types(options).items()}
+    return {
+        name.replace("_", "-"): kind[0] is bool and not any(hasattr(mark, "instance_from_str") for mark in kind)
+        for name, kind in named.items()
+        if _POSITIONAL not in kind
+    }
+
+
+def _fields(options: type) -> Iterator[tuple[dataclasses.Field[Any], str, Any, type | None]]:
+    """Each field that is an option: its name on the command line, its type, and the configuration that it holds."""
     hints = get_type_hints(options, include_extras=True)
-    named = {field.name: get_args(hints[field.name]) or (hints[field.name],) for field in dataclasses.fields(options)}
-    return {name.replace("_", "-"): kind[0] is bool for name, kind in named.items() if _POSITIONAL not in kind}
+    for field in dataclasses.fields(options):
+        kind = hints[field.name]
+        marks = getattr(kind, "__metadata__", ())
+        if _FIXED in marks:
+            continue
+        names = [mark.name for mark in marks if hasattr(mark, "aliases") and mark.name]
+        inner = kind if not marks and dataclasses.is_dataclass(kind) else None
+        yield field, (names or [field.name])[0], kind, inner  # type: ignore[misc]
 
 
 def _width() -> int:
@@ -236,8 +315,6 @@ def _message(event: events.ParseErrorEvent, options: type) -> str:
             return f"one of the arguments {'; '.join(names)} is required"
         case events.UnrecognizedArgs(tokens=tokens):
             known = [f"--{name}" for name in option_flags(options)]
-            if new := [options.renamed[t[2:]] for t in tokens if t[2:] in getattr(options, "renamed", {})]:
-                return f"unrecognized arguments: {' '.join(tokens)}; it is --{new[0]} now"
             near = [near for token in tokens for near in difflib.get_close_matches(token.partition("=")[0], known, n=1)]
             return f"unrecognized arguments: {' '.join(tokens)}" + (f"; did you mean {near[0]}?" if near else "")
     return type(event).__name__

@@ -19,7 +19,7 @@ WANTED = {
     "bouc_wen": "model.json",
     "policy": "policy",
     "resume": "checkpoint",
-    "actuator_model": "network",
+    "actuator_file": "network",
     "numbers": "numbers.json",
     "compare": "result.json",
     "robot": "robot",

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from tyro.conf import FlagCreatePairsOff, Positional, create_mutex_group
+from tyro.conf import FlagConversionOff, FlagCreatePairsOff, Positional, create_mutex_group
 from tyro.constructors import PrimitiveConstructorSpec
 
-from mrwarp.enums import ZStep
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.options.command_line import Options
 from mrwarp.params import with_unit
 
@@ -68,15 +68,39 @@ def some_of(choices: Sequence[str]) -> PrimitiveConstructorSpec:
     return some(str, f"{{{','.join(choices)}}}", choices)
 
 
+def some_as_one(read: Callable[[list[str]], Any], metavar: str) -> PrimitiveConstructorSpec:
+    """Type of an option with one value or more that are read together, as ``some`` words of another type."""
+
+    def instance(words: list[str]) -> Any:
+        if not words:
+            raise ValueError("expected at least one value")
+        return read(words)
+
+    return _spec(instance, "*", f"{metavar} [{metavar} ...]", None, lambda _: [])
+
+
+def named(make: Callable[[str], Any], choices: Sequence[str]) -> PrimitiveConstructorSpec:
+    """Type of a configuration that is chosen by its name; one that is none of them shows as ``own``."""
+
+    def shown(value: Any) -> list[str]:
+        return [next((name for name in choices if make(name) == value), "own")]
+
+    return _spec(lambda words: make(words[0]), 1, f"{{{','.join(choices)}}}", choices, shown)
+
+
 def _spec(
-    read: Callable[[list[str]], Any], nargs: Any, metavar: str, choices: Sequence[str] | None = None
+    read: Callable[[list[str]], Any],
+    nargs: Any,
+    metavar: str,
+    choices: Sequence[str] | None = None,
+    shows: Callable[[Any], list[str]] | None = None,
 ) -> PrimitiveConstructorSpec:
     def shown(value: Any) -> list[str]:
         return [_text(item) for item in (value if isinstance(value, tuple) else (value,))]
 
     return PrimitiveConstructorSpec(
         nargs=nargs, metavar=metavar, instance_from_str=read, is_instance=lambda _: True,
-        str_from_instance=shown, choices=tuple(choices) if choices else None,
+        str_from_instance=shows or shown, choices=tuple(choices) if choices else None,
     )  # fmt: skip
 
 
@@ -143,6 +167,8 @@ FILE = one(Path, "FILE")
 ROBOT = one(robot_name, "ROBOT")
 
 Robot = Annotated[str, ROBOT]
+OnOff = Annotated[bool, named(lambda word: word == "on", ("on", "off")), FlagConversionOff]
+"""A choice between on and off, with its word."""
 
 File = Annotated[Path, FILE]
 Folder = Annotated[Path, one(Path, "DIR")]
@@ -167,10 +193,10 @@ OptionalText = Annotated[str | None, one(str, "TEXT")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotOptions(Options):
-    """Options of a robot, for every command that simulates one."""
+class RobotChoice:
+    """Files that a simulated robot and its joints' devices come from."""
 
-    model: OptionalText = None
+    model: Annotated[Any, one(str, "TEXT")] = None
     """model.json, or a device of 'mrwarp device list': identified joint with its effects, on all MR joints (default:
     the asset's own numbers)"""
     asset: OptionalText = None
@@ -178,12 +204,25 @@ class RobotOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SteppedRobot(RobotOptions):
-    """A robot whose devices take a step that the command chooses, not a policy."""
+class StepChoice:
+    """Step of the devices' hysteresis."""
 
     z_step: ZStep = ZStep.EXACT
     """step of the hysteresis state: its closed form, or the paper's Euler step, which makes the devices of fast joints
     too strong"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceChoice(StepChoice):
+    """How devices act on their joints."""
+
+    coupling: Coupling = Coupling.CONSTRAINT
+    """how the device acts: the paper's explicit torque, or a brake that sticks"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteppedRobot(RobotChoice, StepChoice, Options):
+    """A robot whose devices take a step that the command chooses, not a policy."""
 
 
 def unit_of(text: str) -> tuple[str, str]:

@@ -1,28 +1,25 @@
 """Checkpoints: everything a training needs to go on as if it had never stopped, written atomically, read as data.
 
-Checkpoints, exported policies and results all carry the task that a policy was trained on, see :func:`task`. Loads no
-engine: what cannot be resumed is refused before one is loaded.
+Checkpoints, exported policies and results all carry the task that a policy was trained on, see
+:mod:`mrwarp.rl.task_record`. What cannot be resumed is refused before an environment is made.
 """
 
 from __future__ import annotations
 
 import io
-import json
 import os
 import pickle
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 
-from mrwarp.resources import MODELS, shipped_model
-from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.options.plain_values import plain, read
+from mrwarp.rl.ppo_cfg import PpoCfg
+from mrwarp.rl.task_record import differences, record, task_of
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
 from mrwarp.run_dir import atomic_write, no_file
-
-if TYPE_CHECKING:
-    from mrwarp.env.cfg import EnvCfg
 
 FORMAT = 1
 """Version of the checkpoint's layout."""
@@ -86,62 +83,45 @@ def set_random_state(content: dict[str, Any], device: torch.device) -> str:
     return ""
 
 
-def task(cfg: EnvCfg) -> dict[str, Any]:
-    """The task that a policy was trained on, as JSON gives it back, so that it can be compared with a saved one."""
-    file = cfg.actuator_file
-    if file and file == shipped_model(cfg.actuator_model):
-        file = portable(file)
-    content = {
-        "robot": cfg.robot,
-        "payload": cfg.payload,
-        "asset": cfg.asset,
-        "actuator": cfg.actuator_model,
-        "actuator_file": file,
-        "lstm_state": cfg.lstm_state.value if "lstm" in cfg.actuator_model else None,
-        "residual_engine": cfg.residual_engine.value if file else None,
-        "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
-        "extrapolate": cfg.extrapolate,
-        "coupling": cfg.actuator.coupling.value,
-        "hold_current": cfg.actuator.hold_current.value,
-        "z_step": cfg.actuator.z_step.value,
-        "sal": cfg.actuator.sal,
-        "current": cfg.current.value,
-        "coil_lag": cfg.coil_lag,
-        "hold_speed": cfg.hold_speed,
-        "terrain": "rough" if cfg.terrain else "flat",
-        "gains": list(cfg.gains) if cfg.gains else None,
-        "randomize": asdict(cfg.randomize) if cfg.randomize else None,
-        "rewards": cfg.rewards.flat(),
-        "num_envs": cfg.sim.num_envs,
-        "device": cfg.sim.device,
-        "engine": cfg.sim.engine.value,
-        "action_scale": cfg.action_scale,
-        "step_dt": cfg.step_dt,
-        "gait_frequency": cfg.gait_frequency,
-    }
-    return json.loads(json.dumps(content))
+def settings(cfg: TrainCfg) -> dict[str, Any]:
+    """Entries of a checkpoint that keep the whole configuration."""
+    return {
+        "seed": cfg.task.seed, "task": record(cfg.task), "learning": plain(cfg.ppo), "run": plain(cfg.run),
+    }  # fmt: skip
 
 
-def portable(shipped: str) -> str:
-    """A shipped network's name, which is the same in every checkout."""
-    return f"{MODELS.name}/{Path(shipped).name}"
+def saved_cfg(content: Mapping[str, Any]) -> TrainCfg:
+    """The configuration of a checkpoint, of this or an earlier version.
+
+    Raises:
+        KeyError: the checkpoint has no task or seed.
+        ValueError: an entry cannot be used.
+    """
+    task = task_of({**content["task"], "seed": content["seed"]})
+    return TrainCfg(task=task, ppo=ppo_of(content), run=read(RunCfg, content.get("run", {})))
 
 
-def learned(content: dict[str, Any]) -> dict[str, float]:
-    """Settings of :class:`LearningCfg` in a checkpoint or result; earlier versions: the defaults, no symmetry."""
+def ppo_of(content: Mapping[str, Any]) -> PpoCfg:
+    """How networks learned, by a checkpoint or result; earlier versions: the defaults, no symmetry.
+
+    Raises:
+        ValueError: an entry cannot be used.
+    """
     said = content.get("learning")
-    return {**asdict(LearningCfg(symmetry=False)), **(said if isinstance(said, dict) else {})}
+    return read(PpoCfg, {"symmetry": False, **(said if isinstance(said, Mapping) else {})})
 
 
-def check_same(path: Path, content: dict[str, Any], own: Mapping[str, Any]) -> None:
-    """Compare what a run asks for, by the names of :func:`task`, of the learning and ``seed``, with a checkpoint.
+def check_same(path: Path, content: Mapping[str, Any], cfg: TrainCfg) -> None:
+    """Compare a training's task, learning and seed with a checkpoint's.
 
     Raises:
         CheckpointError: one of them differs.
         KeyError: the checkpoint lacks what each holds.
+        ValueError: an entry of it cannot be used.
     """
-    for name, value in {**content["task"], **learned(content), "seed": content["seed"]}.items():
-        if name in own and own[name] != value:
-            raise CheckpointError(
-                f"{path}: trained with {name} = {value!r}, this run has {own[name]!r}; resume the same task"
-            )
+    own, said = plain(cfg.ppo), plain(ppo_of(content))
+    others = [(name, said[name], own[name]) for name in own if said[name] != own[name]]
+    if content["seed"] != cfg.task.seed:
+        others.append(("seed", content["seed"], cfg.task.seed))
+    for name, theirs, ours in (*differences(content["task"], cfg.task), *others):
+        raise CheckpointError(f"{path}: trained with {name} = {theirs!r}, this run has {ours!r}; resume the same task")

@@ -116,7 +116,7 @@ class OnnxPolicy:
         """Actions (E, J + C) for observations (the ``actor`` group, or a tensor (E, 11 + 3*J + C))."""
         x = obs["actor"] if isinstance(obs, TensorDict) else obs
         if x.shape[1] != sum(self.description["observations"].values()):
-            what = f" whose {self.currents} coil currents it commands (--current learned)" if self.currents else ""
+            what = f" whose {self.currents} coil currents it commands (--current-by learned)" if self.currents else ""
             raise PolicyError(
                 f"{self.path}: made for a robot of {self.joints} joints{what}, not for this one; train it again"
             )

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from mrwarp.options import option_types as opt
+
 STEPS_PER_UPDATE = 24
 """Policy steps per environment and update."""
 
@@ -14,19 +16,20 @@ MINI_BATCH = 768
 
 
 @dataclass(frozen=True, kw_only=True)
-class LearningCfg:
-    """How fast networks learn: what trainings of one task may differ in. As it is, to walk in a minute."""
+class PpoCfg:
+    """How fast networks learn: what trainings of one task may differ in. As it is, to walk in a minute.
 
-    desired_kl: float = 0.04
-    """Divergence between the policies of two updates that the learning rate is adapted to. With rsl-rl's usual 0.01 and
-    mini-batches of 384 samples, 64 robots need more than twice the updates (docs/performance.md). But so long a step
-    on so few samples shakes a gait about its optimum: to settle one, take more robots and 0.01 (docs/policies.md)."""
-    entropy: float = 0.003
-    """Weight of the entropy in the loss, which keeps up the exploration; a tenth of it settles a gait."""
+    With rsl-rl's usual divergence of 0.01 and mini-batches of 384 samples, 64 robots need more than twice the updates
+    (docs/performance.md). But so long a step on so few samples shakes a gait about its optimum: to settle one, take
+    more robots, 0.01 and a tenth of the entropy (docs/policies.md).
+    """
 
-    symmetry: bool = True
-    """Whether networks treat left and right in the same way, see :mod:`mrwarp.rl.symmetry`; a robot that is not its own
-    mirror image is trained without, and the training says so."""
+    desired_kl: opt.Positive = 0.04
+    """divergence between the policies of two updates that the learning rate is adapted to; 0.01 settles a gait"""
+    entropy: opt.NotNegative = 0.003
+    """weight of the entropy, which keeps up exploration, in the loss"""
+    symmetry: opt.OnOff = True
+    """whether networks treat left and right in the same way, where the robot is its own mirror image"""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.desired_kl < math.inf:
@@ -36,13 +39,13 @@ class LearningCfg:
 
 
 def make_ppo_cfg(
-    num_envs: int, *, learning: LearningCfg | None = None, hidden: tuple[int, ...] = (128, 64), epochs: int = 5
+    num_envs: int, *, ppo: PpoCfg | None = None, hidden: tuple[int, ...] = (128, 64), epochs: int = 5
 ) -> dict[str, Any]:
     """Settings of actor, critic and algorithm: small nets with observation normalisation, adaptive rate.
 
     ``num_envs`` are those of all processes together, ``epochs`` the passes over a rollout.
     """
-    learning = learning or LearningCfg()
+    ppo = ppo or PpoCfg()
 
     def net() -> dict[str, Any]:
         return {"class_name": "MLPModel", "hidden_dims": list(hidden), "activation": "elu", "obs_normalization": True}
@@ -60,12 +63,12 @@ def make_ppo_cfg(
             "gamma": 0.99,
             "lam": 0.95,
             "value_loss_coef": 1.0,
-            "entropy_coef": learning.entropy,
+            "entropy_coef": ppo.entropy,
             "learning_rate": 1e-3,
             "max_grad_norm": 1.0,
             "use_clipped_value_loss": True,
             "schedule": "adaptive",
-            "desired_kl": learning.desired_kl,
+            "desired_kl": ppo.desired_kl,
         },
         "multi_gpu": None,
     }

@@ -6,7 +6,7 @@ import contextlib
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,16 +14,17 @@ import torch
 import warp as wp
 from torch.utils.tensorboard import SummaryWriter
 
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.options.plain_values import plain
 from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.rl import checkpoint, policy, progress
-from mrwarp.rl.checkpoint import task
 from mrwarp.rl.mirror import NoMirrorError, mirror_of
 from mrwarp.rl.ppo import PPO
-from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
+from mrwarp.rl.ppo_cfg import make_ppo_cfg
 from mrwarp.rl.progress import DivergenceError, Divergences, not_finite
 from mrwarp.rl.ranks import Ranks
+from mrwarp.rl.task_record import record
+from mrwarp.rl.train_cfg import TrainCfg
 from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
 from mrwarp.run_dir import check_writable, claim, one_line, write_result
 from mrwarp.runtime import drawing, one_torch_thread, repeating_torch, silent
@@ -34,31 +35,6 @@ class TrainingError(RuntimeError):
     """A training cannot go on; the message says why, and which checkpoint is left."""
 
     exit_code = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainCfg:
-    """One training run."""
-
-    env: EnvCfg = field(default_factory=make_walk_cfg)
-    out: Path = Path("runs/walk")
-    """Folder for checkpoint, policy, curves and result."""
-    seed: int = 0
-    """Seed of networks, exploration and environment."""
-    iterations: int = 6000
-    """Most PPO updates; training stops earlier when the gate is met."""
-    until_gate: bool = True
-    """Stop at the walking gate; False runs all iterations."""
-    save_every: float = 30.0
-    """Time between checkpoints [s]."""
-    check_every: float = 20.0
-    """Least time between two gate checks [s]."""
-    check_below: float = 0.14
-    """Gate checks begin when the training's own v_x RMSE falls below this [m/s]."""
-    learning: LearningCfg = field(default_factory=LearningCfg)
-    """How fast the networks learn."""
-    command: str = ""
-    """Command line, for the record."""
 
 
 class Trainer:
@@ -90,13 +66,13 @@ class Trainer:
         self.cfg = cfg
         self.ranks = ranks = ranks or Ranks()
         if ranks.main:
-            check_writable(cfg.out)
+            check_writable(cfg.run.out)
         content = _of_as_many(checkpoint.load(resume), resume, ranks.world) if resume else {}
         networks = read_networks(start_from) if start_from else None
-        self._seed = ranks.seed(cfg.seed)
+        self._seed = ranks.seed(cfg.task.seed)
         torch.manual_seed(self._seed)
-        self.env = WalkEnv(replace(cfg.env, seed=self._seed))
-        self.ppo_cfg = make_ppo_cfg(self.env.num_envs * ranks.world, learning=cfg.learning)
+        self.env = WalkEnv(replace(cfg.task, seed=self._seed))
+        self.ppo_cfg = make_ppo_cfg(self.env.num_envs * ranks.world, ppo=cfg.ppo)
         self.ppo_cfg["multi_gpu"] = ranks.ppo_setting
         self.obs = self.env.get_observations()
         with silent():
@@ -104,7 +80,7 @@ class Trainer:
             algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
         self.algorithm = cast(PPO, algorithm)  # rsl-rl promises only its own
         self.started_from = take_networks(self.algorithm, networks) if networks else None
-        if cfg.learning.symmetry:
+        if cfg.ppo.symmetry:
             try:
                 self.algorithm.be_symmetric(mirror_of(self.env), drawn=networks is None)
             except NoMirrorError as reason:
@@ -118,7 +94,7 @@ class Trainer:
         self.gate_check: GateCheck | None = None
         self.watchers: list[Callable[[], None]] = []
         self.bar: ProgressBar | None = None
-        to_gate = cfg.until_gate and self.env.terrain is None
+        to_gate = not cfg.run.no_gate and self.env.terrain is None
         self.typical = progress.typical_updates(self.env.num_envs * ranks.world) if to_gate else None
         self.timed = False
         """Whether an update waits for the device before it learns, so that collecting and learning have their own
@@ -126,8 +102,8 @@ class Trainer:
         self._interrupted = self._stop = self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
-        run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": task(cfg.env)}
-        self.divergences = Divergences(self.env, ranks, cfg.out / "diverged", run, self._say)
+        run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": record(cfg.task)}
+        self.divergences = Divergences(self.env, ranks, cfg.run.out / "diverged", run, self._say)
         if resume:
             self._load(content, resume)
 
@@ -141,13 +117,13 @@ class Trainer:
             TrainingError: too many environments or the networks hold no numbers, the disk takes no more, or another
                 process of this training ended.
         """
-        alone = claim(self.cfg.out) if self.ranks.main and not claimed else contextlib.nullcontext()
-        with alone, one_torch_thread(), repeating_torch(self.cfg.env.sim.deterministic):
+        alone = claim(self.cfg.run.out) if self.ranks.main and not claimed else contextlib.nullcontext()
+        with alone, one_torch_thread(), repeating_torch(self.cfg.task.deterministic):
             previous = signal.signal(signal.SIGINT, self._interrupt)
             writer = None
             try:
                 if self.ranks.main:
-                    writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
+                    writer = SummaryWriter(str(self.cfg.run.out / "tensorboard"), purge_step=self.iteration + 1)
                     self.bar = ProgressBar()
                 return self._run(writer)
             except DivergenceError as error:
@@ -169,7 +145,7 @@ class Trainer:
     def _run(self, writer: SummaryWriter | None) -> dict[str, Any]:
         started = time.perf_counter() - self.seconds
         saved, checked = self.seconds, self.seconds
-        while self.iteration < self.cfg.iterations and not self._asked_to_stop():
+        while self.iteration < self.cfg.run.iterations and not self._asked_to_stop():
             row = self.update()
             self.seconds = time.perf_counter() - started
             row["seconds"] = self.seconds
@@ -180,15 +156,15 @@ class Trainer:
             if self.bar is not None:
                 self._show(self.bar, row)
             check, save = self.ranks.decided(
-                row["v_x_rmse"] < self.cfg.check_below * self.env.scales.speed
-                and self.seconds - checked >= self.cfg.check_every,
-                self.seconds - saved >= self.cfg.save_every,
+                row["v_x_rmse"] < self.cfg.run.check_below * self.env.scales.speed
+                and self.seconds - checked >= self.cfg.run.check_every,
+                self.seconds - saved >= self.cfg.run.save_every,
             )
             if check:
                 self._check_gate(writer)
                 checked = self.seconds = time.perf_counter() - started
                 (passed,) = self.ranks.decided(self.progress.gate_passed)
-                if passed and self.cfg.until_gate:
+                if passed and not self.cfg.run.no_gate:
                     self._met_gate = True
                     break
             if save:
@@ -201,7 +177,7 @@ class Trainer:
 
     def save(self) -> Path:
         """Write ``checkpoint.pt``: networks, optimiser, random generators, environment and progress."""
-        path = self.cfg.out / "checkpoint.pt"
+        path = self.cfg.run.out / "checkpoint.pt"
         algorithm = self.algorithm.save()
         if wrong := not_finite(algorithm):
             raise TrainingError(f"{wrong} holds no numbers after update {self.iteration}; {self._left()}")
@@ -219,14 +195,7 @@ class Trainer:
                 "seconds": self.seconds,
                 **self.progress.state(),
                 **self.divergences.state(),
-                "seed": self.cfg.seed,
-                "task": task(self.cfg.env),
-                "run": {
-                    "iterations": self.cfg.iterations,
-                    "no_gate": not self.cfg.until_gate,
-                    "save_every": self.cfg.save_every,
-                },
-                "learning": asdict(self.cfg.learning),
+                **checkpoint.settings(self.cfg),
                 "started_from": self.started_from,
             },
         )
@@ -239,11 +208,11 @@ class Trainer:
 
     def _load(self, content: dict[str, Any], path: Path) -> None:
         """Go on from a checkpoint of the same task and seed (which drew the frictions, masses and gains)."""
-        own = {**task(self.cfg.env), **asdict(self.cfg.learning), "seed": self.cfg.seed}
+        own = self.cfg
         try:
-            if not self.ranks.main:
-                own["device"] = content["task"]["device"]  # that of the first process, which compares it
-            checkpoint.check_same(path, content, {**dict.fromkeys(content["task"]), **own})
+            if not self.ranks.main:  # the device is that of the first process, which compares it
+                own = replace(own, task=replace(own.task, device=content["task"]["device"]))
+            checkpoint.check_same(path, content, own)
             mine = content if self.ranks.main else content["other_ranks"][self.ranks.rank - 1]
             self.algorithm.load(content["algorithm"], None, strict=True)
             self.algorithm.learning_rate = content["learning_rate"]
@@ -255,7 +224,9 @@ class Trainer:
             self.obs = self.env.last_observations
             if note := checkpoint.set_random_state(mine, torch.device(self.env.device)):
                 self._say(f"  {path}: {note}")
-        except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+        except checkpoint.CheckpointError:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
             raise checkpoint.CheckpointError(
                 f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start again"
             ) from error
@@ -318,7 +289,7 @@ class Trainer:
 
     def _left(self) -> str:
         """The remedy in a message: the checkpoint to go on from."""
-        path = self.cfg.out / "checkpoint.pt"
+        path = self.cfg.run.out / "checkpoint.pt"
         return f"go on from {path}" if path.is_file() else "no checkpoint was written yet"
 
     def _check_gate(self, writer: SummaryWriter | None) -> None:
@@ -326,7 +297,7 @@ class Trainer:
         if writer is None:
             return
         if self.gate_check is None:
-            self.gate_check = GateCheck(self.cfg.env)
+            self.gate_check = GateCheck(self.cfg.task)
         actor = self.algorithm.get_policy()
         measured = self.gate_check(lambda obs: actor(obs))
         self.progress.gate_rows.append({"iteration": self.iteration, "seconds": self.seconds, **measured})
@@ -366,7 +337,7 @@ class Trainer:
         return self._stop
 
     def _finish(self) -> dict[str, Any]:
-        out = self.cfg.out
+        out = self.cfg.run.out
         self.save()
         rows, gate_rows = self.progress.rows, self.progress.gate_rows
         unsolved = round(self.ranks.total(float(self.env.sim.unsolved.numpy().sum()))[0])
@@ -382,17 +353,17 @@ class Trainer:
             "unsolved_steps": unsolved,
             "diverged_episodes": self.divergences.count,
             "warnings": asdict(self.env.nan_guard.warnings()),
-            "task": task(self.cfg.env),
-            "learning": asdict(self.cfg.learning),
+            "task": record(self.cfg.task),
+            "learning": plain(self.cfg.ppo),
             "started_from": self.started_from,
             "processes": self.ranks.world,
         }
         if not self.ranks.main:
             return result
         description = {name: result[name] for name in ("task", "started_from")}
-        description |= {"seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command}
+        description |= {"seed": self.cfg.task.seed, "iteration": self.iteration, "command": self.cfg.run.command}
         policy.export_onnx(self.algorithm.get_policy(), out / "policy.onnx", description)
-        write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
+        write_result(out, result, seed=self.cfg.task.seed, command=self.cfg.run.command)
         with drawing("learning_curve.png"):
             progress.plot(self.progress, out / "learning_curve.png", WalkingGate().scaled(self.env.scales))
         return result

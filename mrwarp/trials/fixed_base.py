@@ -16,9 +16,10 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.enums import Coupling, ZStep
-from mrwarp.env.sim import ActuatedSim, SimCfg
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import ActuatedSim
 from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.paper import GRAVITY
 from mrwarp.runtime import panels

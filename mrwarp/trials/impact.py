@@ -18,7 +18,7 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.enums import HoldCurrent
-from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg, make_play_cfg
 from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.ledger import COIL
@@ -79,7 +79,7 @@ class ImpactCfg:
     """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps those of ``env``."""
     mass: MassCfg = field(default_factory=MassCfg)
     """The falling mass."""
-    env: EnvCfg = field(default_factory=make_walk_cfg)
+    env: TaskCfg = field(default_factory=TaskCfg)
     """Robot, actuator and coupling."""
     seed: int = 0
     """Seed of initial poses and gait phases."""
@@ -181,7 +181,7 @@ class ImpactSweep:
         env_cfg = make_play_cfg(cfg.env)
         env_cfg = replace(
             env_cfg,
-            sim=replace(env_cfg.sim, num_envs=cfg.trials * len(cfg.variants)),
+            num_envs=cfg.trials * len(cfg.variants),
             currents=cfg.currents,
             seed=cfg.seed,
             gains=cfg.gains or env_cfg.gains,
@@ -376,10 +376,10 @@ def body_extremes(trace: ImpactTrace) -> dict[str, np.ndarray]:
     return {"min_height": trace.height.min(axis=2), "peak_down_velocity": trace.velocity.min(axis=2)}
 
 
-def fixed_current_env(*, holding: bool = False, **choices: Any) -> EnvCfg:
+def fixed_current_env(*, holding: bool = False, **choices: Any) -> TaskCfg:
     """Task of an impact: devices take all the current; damping alone, or the holding branch too.
 
-    Further ``choices`` are those of :func:`make_walk_cfg`.
+    Further ``choices`` are those of :func:`TaskCfg`.
     """
-    env = make_walk_cfg(hold_current=HoldCurrent.FIXED, **choices)
-    return replace(env, actuator=replace(env.actuator, holding=holding))
+    env = TaskCfg(hold_current=HoldCurrent.FIXED, **choices)
+    return replace(env, holding=holding)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.actuator.mr_actuator import Coupling
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.enums import Coupling
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.kernels import ledger
 from mrwarp.model_file import Model
 from mrwarp.runtime import panels
@@ -166,7 +166,7 @@ def impact_change(
     """
     started = time.perf_counter()
     if currents is None:
-        most = min(most_current(task_devices(make_walk_cfg(model=model))) for model in (before, after))
+        most = min(most_current(task_devices(TaskCfg(model=model))) for model in (before, after))
         currents = tuple(dict.fromkeys(min(current, most) for current in CURRENT_GROUPS))
     found: list[dict[str, np.ndarray]] = []
     for model, words in ((before, "before"), (after, "after")):

@@ -18,7 +18,7 @@ from mrwarp import paper
 from mrwarp.energy import thermal
 from mrwarp.energy.power import BatteryCfg, ElectricalCfg, JointLoad, battery_power, depletion, motor_heat
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, robot_env, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
@@ -60,7 +60,7 @@ class MissionCfg:
     """Current the devices may use [A]."""
     feedback: bool = False
     """Whether temperatures act back on windings and fluids."""
-    env: EnvCfg = field(default_factory=make_walk_cfg)
+    env: TaskCfg = field(default_factory=TaskCfg)
     """Actuator model, coupling and engine."""
     seed: int = 0
     """Seed of poses and phases."""

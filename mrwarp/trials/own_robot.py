@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from mrwarp.energy.power import GO1_LIMIT, ElectricalCfg, JointLoad, battery_power, cost_of_transport
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.natural_units import Scales
 from mrwarp.runtime import figure_text, panels, text_table
 from mrwarp.trials.energy_report import walked
@@ -62,7 +62,7 @@ def currents_of(devices: Sequence[JointActuator], current: float) -> list[float]
 
 @torch.no_grad()
 def walk_currents(
-    task: EnvCfg,
+    task: TaskCfg,
     policy: Policy,
     *,
     currents: Sequence[float],

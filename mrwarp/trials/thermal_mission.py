@@ -220,9 +220,9 @@ def _env(cfg: MissionCfg, mode: str, need: float, strength: float, payload: int)
     hold = HoldCurrent.SUPPORT if law else HoldCurrent.FIXED
     return replace(
         env,
-        current=CurrentCommand.SCHEDULED if law else CurrentCommand.FIXED,
+        current_by=CurrentCommand.SCHEDULED if law else CurrentCommand.FIXED,
         currents=(_current(cfg, mode, need, strength),),
-        actuator=replace(env.actuator, hold_current=hold),
+        hold_current=hold,
     )
 
 

@@ -15,7 +15,7 @@ import torch
 import warp as wp
 
 from mrwarp.energy.power import JointLoad
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
 from mrwarp.trials.power_meter import GaitTrace, MotionMeter, PowerMeter, TraceRecorder
@@ -35,7 +35,7 @@ ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
 """Robot variant of the asset."""
 
 
-def robot_env(env: EnvCfg, robot: str, payload: int) -> EnvCfg:
+def robot_env(env: TaskCfg, robot: str, payload: int) -> TaskCfg:
     """The task of one of ``paper.ROBOTS``; Go1 has no device that would take a model."""
     asset = ASSET_ROBOT[robot]
     return replace(env, robot=asset, payload=payload, model=None if asset == "go1" else env.model)
@@ -79,7 +79,7 @@ class WalkCfg:
     """Current the devices may use with SAL on [A]."""
     derate: Callable[[WalkEnv, Sequence[str]], None] | None = None
     """Change of the devices before the walk, given the environments and their robots in order; see ``mission``."""
-    env: EnvCfg = field(default_factory=make_walk_cfg)
+    env: TaskCfg = field(default_factory=TaskCfg)
     """Actuator model, coupling and engine; robot, payload and currents are set here."""
     seed: int = 0
     """Seed of poses and phases."""
@@ -284,7 +284,7 @@ class WalkBatch:
 
 
 def standing_load(
-    cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0, derate: Callable[[WalkEnv], None] | None = None
+    cfg: TaskCfg, *, load: float, hold: bool, seconds: float = 5.0, derate: Callable[[WalkEnv], None] | None = None
 ) -> tuple[JointLoad, dict[str, float]]:
     """Stand in the neutral pose and measure what the joints do with the calves held by motors or by devices.
 

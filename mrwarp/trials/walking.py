@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from tensordict import TensorDict
 
 from mrwarp.enums import ZStep
-from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg, make_play_cfg
 from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
@@ -99,7 +99,7 @@ class GateCheck:
         seed: Seed of the initial poses and gait phases.
     """
 
-    def __init__(self, cfg: EnvCfg, *, gate: WalkingGate | None = None, seed: int = 1000) -> None:
+    def __init__(self, cfg: TaskCfg, *, gate: WalkingGate | None = None, seed: int = 1000) -> None:
         gate = gate or WalkingGate()
         self.env = make_env(cfg, gate.num_envs, seed)
         self.gate = gate.scaled(self.env.scales)
@@ -116,12 +116,12 @@ class GateCheck:
         return {**measured, "conditions": verdicts, "passed": all(verdicts.values())}
 
 
-def task_devices(cfg: EnvCfg) -> tuple[JointActuator, ...]:
+def task_devices(cfg: TaskCfg) -> tuple[JointActuator, ...]:
     """The joints of the task's MR_Go that carry a device, read from its files alone: no engine is loaded."""
     return devices_of(replace(cfg, robot="mr_go"))
 
 
-def devices_of(cfg: EnvCfg) -> tuple[JointActuator, ...]:
+def devices_of(cfg: TaskCfg) -> tuple[JointActuator, ...]:
     """The joints of the task's robot that carry a device."""
     asset = load_robot(cfg.asset, robot=cfg.robot)
     if cfg.model is not None:
@@ -195,7 +195,7 @@ def limit_note(devices: Sequence[JointActuator], current: float) -> Iterator[str
         yield f"note: requested {current:g} A, limited to the devices' {own} A"
 
 
-def device_notes(cfg: EnvCfg, current: float) -> Iterator[str]:
+def device_notes(cfg: TaskCfg, current: float) -> Iterator[str]:
     """Notes for a user on the devices before a walk, a line each.
 
     ``current``: what the devices may use [A].
@@ -217,10 +217,10 @@ def lost_lines(rows: Sequence[Mapping[str, Any]], patience: float) -> list[str]:
     return [f"{'; '.join(lost)}. They are in no mean."] if lost else []
 
 
-def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:
+def make_env(cfg: TaskCfg, num_envs: int, seed: int) -> WalkEnv:
     """The task as evaluated: nominal robot, no noise, commands held, as many environments as asked for."""
     cfg = make_play_cfg(cfg)
-    return WalkEnv(replace(cfg, sim=replace(cfg.sim, num_envs=num_envs), seed=seed, episode_seconds=float(10**6)))
+    return WalkEnv(replace(cfg, num_envs=num_envs, seed=seed, episode_seconds=float(10**6)))
 
 
 def act(policies: Sequence[Policy], obs: TensorDict) -> torch.Tensor:
@@ -354,7 +354,7 @@ def calf_motion(actor: Policy, name: str, *, seconds: float, dt: float, seed: in
     Raises:
         ValueError: a robot fell.
     """
-    env = make_env(make_walk_cfg(seed=seed, z_step=ZStep.EULER), len(CALF_MOTION_SPEEDS), seed)
+    env = make_env(TaskCfg(seed=seed, z_step=ZStep.EULER), len(CALF_MOTION_SPEEDS), seed)
     command = torch.zeros(env.num_envs, 3, device=env.device)
     command[:, 0] = torch.tensor(CALF_MOTION_SPEEDS, device=env.device)
     env.set_command(command)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from mrwarp.commands.run_train import Learning
 from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, PUBLIC, RANDOMIZATIONS, TERRAINS, TRAINABLE, Coupling
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.resources import POLICIES
+from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import drawing
 
@@ -28,7 +28,7 @@ Model = Annotated[str, opt.one_of(MODELS)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trained(Learning):
+class Trained(Options):
     """Options shared by all trainings of a study."""
 
     plants: Annotated[tuple[str, ...], opt.some_of(TRAINABLE)] = PLANTS
@@ -49,6 +49,7 @@ class Trained(Learning):
     """folder of the runs"""
     seeds: opt.Seeds = (0, 1, 2, 3, 4)
     """training seeds"""
+    ppo: PpoCfg = field(default_factory=PpoCfg)
 
     def study_cfg(self, start_from: Path | None = None) -> StudyCfg:
         """Settings shared by all trainings."""
@@ -57,7 +58,7 @@ class Trained(Learning):
         same = self.chosen(
             "num_envs", "iterations", "terrain", "seeds", "plants", "randomize", "power_price", "coupling"
         )
-        return StudyCfg(**same, start_from=start_from, learning=self.learning())
+        return StudyCfg(**same, start_from=start_from, learning=self.ppo)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,12 +17,12 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
-from mrwarp.enums import ZStep
+from mrwarp.enums import LstmState, ZStep
 from mrwarp.identify import learn
 from mrwarp.identify.fit import fit
 from mrwarp.identify.replay import simulate
 from mrwarp.nn import network_file
-from mrwarp.nn.models import SAMPLES, LstmState
+from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.training import FitCfg, epochs_shown, plot_history
 from mrwarp.options.json_file import read_json_file
 from mrwarp.options.progress_bar import ProgressBar

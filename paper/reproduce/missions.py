@@ -12,7 +12,7 @@ from mrwarp.energy import consistency
 from mrwarp.energy.power import BatteryCfg, ElectricalCfg
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.enums import Coupling, ZStep
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.paper import PaperValue
 from mrwarp.runtime import drawing
 from mrwarp.trials import walk_figures, walk_pictures
@@ -67,7 +67,7 @@ def simulate(job: Job) -> Findings:
     """Simulate a window of every phase, one per policy, or repetitions of a single one."""
     settings = job.settings
     seeds = settings.policy_seeds if settings.policy_seeds > 1 else settings.rollouts
-    env = make_walk_cfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
+    env = TaskCfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
     cfg = MissionCfg(window=settings.window, seeds=seeds, env=env, seed=settings.seed)
     return job.save(Windows(phases=measure(cfg, ensembles(settings.policies), job.report)))
 

@@ -30,7 +30,7 @@ from scipy import stats
 from mrwarp import paper
 from mrwarp.energy.model_numbers import calibrate
 from mrwarp.enums import Coupling, ZStep
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.options.json_file import read_json_file
 from mrwarp.resources import POLICIES, policy_file
 from mrwarp.run_dir import write_text
@@ -334,7 +334,7 @@ def _trained(job: Job) -> Came:
 def _walked(job: Job) -> Came:
     """Table 6's policies with the load, and at the pace."""
     settings, found = job.settings, {}
-    env = make_walk_cfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
+    env = TaskCfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
     n = settings.policy_seeds
     policies = ensembles(settings.policies)
     base = WalkCfg(

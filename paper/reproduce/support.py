@@ -13,7 +13,7 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.energy.power import ElectricalCfg
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
@@ -62,7 +62,7 @@ def compute(job: Job) -> Findings:
     """Reductions of COT and shares held under every choice, and speeds beyond 0.5 m/s."""
     settings = job.settings
     cfg = walks.read(job).calibrated().cfg
-    env = make_walk_cfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
+    env = TaskCfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
     paths = settings.policies
     base = WalkCfg(
         trials=len(paths["mr_go"]),
@@ -85,7 +85,7 @@ def compute(job: Job) -> Findings:
             robots=("mr_go_sal",),
             derate=choice.set,
             current=choice.fixed or base.current,
-            env=replace(env, actuator=replace(env.actuator, hold_current=hold)),
+            env=replace(env, hold_current=hold),
         )
         results = walk(walked, policy)
         on = _costs(results, cfg)

@@ -11,7 +11,7 @@ from mrwarp import paper
 from mrwarp.energy.model_numbers import Calibration, MeasuredPower, calibrate
 from mrwarp.energy.power import JointLoad
 from mrwarp.enums import Coupling, ZStep
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.trials.walk_figures import calibration_rows
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT
@@ -125,7 +125,7 @@ def simulate(job: Job) -> Findings:
     Each robot is commanded the speed that the paper measured for it (table 6): a cost of transport divides by it.
     """
     settings = job.settings
-    env = make_walk_cfg(z_step=ZStep.EULER, threads=settings.threads)
+    env = TaskCfg(z_step=ZStep.EULER, threads=settings.threads)
     own = ensembles(settings.policies)
     policies = {
         "both": own,
@@ -143,19 +143,17 @@ def simulate(job: Job) -> Findings:
     counts = {name: len(policies[name][variant.robots[0]]) for name, variant in VARIANTS.items()}
     results, share = {}, 1.0 / (len(VARIANTS) + 0.1)
     for k, (name, variant) in enumerate(VARIANTS.items()):
-        actuator = replace(env.actuator, damping=variant.damping, coupling=variant.coupling)
         cfg = WalkCfg(
             trials=counts[name] * (settings.rollouts if variant.repeated else 1),
             commanded={} if variant.as_commanded else paper.MEASURED_SPEED,
             distance=settings.distance,
             seed=settings.seed,
             robots=variant.robots,
-            env=replace(env, actuator=actuator),
+            env=replace(env, damping=variant.damping, coupling=variant.coupling),
         )
         results[name] = walk(cfg, policies[name], lambda text, part, k=k: job.report(text, (k + part) * share))
     job.report("standing", 0.98)
-    actuator = replace(env.actuator, coupling=Coupling.EXPLICIT)
-    stood = replace(env, payload=PAYLOAD_VARIANT, currents=(1.5,), actuator=actuator)
+    stood = replace(env, payload=PAYLOAD_VARIANT, currents=(1.5,), coupling=Coupling.EXPLICIT)
     standing = {
         name: standing_load(replace(stood, robot=robot), load=paper.arm_load(), hold=hold)[0]
         for name, robot, hold in (("go1", "go1", False), ("mr_go", "mr_go", False), ("mr_go_hold", "mr_go", True))

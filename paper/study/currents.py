@@ -19,11 +19,11 @@ from mrwarp.energy import thermal
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, cost_of_transport, motor_heat
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.enums import ARMS, CurrentCommand, HoldCurrent
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.paper import DISTANCE
 from mrwarp.resources import ENERGY, FIRST_SEEDS, policy_file
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.runtime import panels, text_table
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, Variant, body_extremes
 from mrwarp.trials.statistics import half_width
@@ -69,7 +69,7 @@ SETTLING = 256, 750
 price ``plan.POWER_PRICE``. It also makes what an arm begins with where no policy of MR_Go-SAL with devices that stick
 is shipped (seeds 3 and 4), from the shipped one of that seed with the paper's explicit torque."""
 
-LEARNING = LearningCfg(desired_kl=0.01, entropy=0.0005, symmetry=False)
+LEARNING = PpoCfg(desired_kl=0.01, entropy=0.0005, symmetry=False)
 """How fast networks learn: a step that settles a gait."""
 
 
@@ -106,7 +106,7 @@ class CurrentsCfg:
     """Pushes of 100 N for 0.2 s on a walking robot."""
     threads: int = 0
     """CPU threads of the physics; 0 = all."""
-    learning: LearningCfg = LEARNING
+    learning: PpoCfg = LEARNING
     """How fast the arms learn."""
 
     def __post_init__(self) -> None:
@@ -114,7 +114,7 @@ class CurrentsCfg:
             raise ValueError(f"seed {unknown[0]}: policies to begin with are shipped for 0 to {ENERGY_SEEDS[-1]}")
 
 
-def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> EnvCfg:
+def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> TaskCfg:
     """The task of an arm; ``fixed`` is the current of the arm ``fixed`` [A]."""
     env = plant_cfg(
         ROBOT.get(arm, "mr_go_sal"), num_envs=cfg.num_envs, threads=cfg.threads, randomize="all",
@@ -128,9 +128,9 @@ def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> EnvCfg:
         env,
         hold_speed=HOLD_SPEED if arm in ("latched", "learned") else None,
         currents=(current,),
-        current=command,
+        current_by=command,
         coil_lag=cfg.coil_lag,
-        actuator=replace(env.actuator, hold_current=hold),
+        hold_current=hold,
     )
 
 

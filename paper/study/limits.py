@@ -18,7 +18,7 @@ import torch
 
 from mrwarp.energy.power import ElectricalCfg, battery_power, cost_of_transport
 from mrwarp.enums import HoldCurrent
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import GRAVITY
 from mrwarp.params import MrParams
@@ -83,10 +83,10 @@ class LimitsCfg:
         check_seeds(self.seeds)
 
 
-def task(cfg: LimitsCfg, *, payload: int = 0, terrain: str = "flat", hold: HoldCurrent | None = None) -> EnvCfg:
+def task(cfg: LimitsCfg, *, payload: int = 0, terrain: str = "flat", hold: HoldCurrent | None = None) -> TaskCfg:
     """MR_Go-SAL's task; ``hold``: the holding current, by default the support current."""
     env = replace(plant_cfg(ROBOT, threads=cfg.threads, terrain=terrain), payload=payload)
-    return replace(env, actuator=replace(env.actuator, hold_current=hold)) if hold else env
+    return replace(env, hold_current=hold) if hold else env
 
 
 @torch.no_grad()
@@ -170,7 +170,7 @@ def by_setting(cfg: LimitsCfg, found: Mapping[str, np.ndarray], count: int) -> d
     return {name: values.reshape(shape).mean(axis=2).T.tolist() for name, values in found.items()}
 
 
-def learners(cfg: LimitsCfg, frequency: float) -> EnvCfg:
+def learners(cfg: LimitsCfg, frequency: float) -> TaskCfg:
     """Task in which policies learn a clock of this frequency [Hz]: that of the shipped ones, with faster commands."""
     env = plant_cfg(ROBOT, num_envs=LEARNERS, threads=cfg.threads, randomize="all")
     return replace(env, gait_frequency=frequency, commands=replace(env.commands, v_x=LEARNED))

@@ -7,20 +7,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.options.json_file import read_json_file, shown
+from mrwarp.options.plain_values import plain
 from mrwarp.resources import policy_file
 from mrwarp.rl import checkpoint
-from mrwarp.rl.checkpoint import learned, task
-from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.checkpoint import ppo_of
+from mrwarp.rl.ppo_cfg import PpoCfg
+from mrwarp.rl.task_record import differences, identity, task_of
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer
 from mrwarp.rl.warm_start import read_networks
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
 from mrwarp.runtime import panels
@@ -168,8 +171,8 @@ def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
         started_from=content.get("started_from"),  # files of earlier versions have none
         remedy=f"{remedy} or name another --runs to train again",
     )
-    asked = {**task(_env(cfg, plant)), **asdict(cfg.learning), "seed": seed}
-    own = {**content["task"], **learned(content), "seed": content["seed"]}
+    asked = {**identity(_env(cfg, plant)), **plain(cfg.learning), "seed": seed}
+    own = {**identity(task_of(content["task"])), **plain(ppo_of(content)), "seed": content["seed"]}
     differs = [text for key in own for text in _differences(key, own[key], asked.get(key))]  # as resuming compares
     if found.iterations > cfg.iterations:
         differs.append(f"iterations = {found.iterations} (asked: {cfg.iterations})")
@@ -200,7 +203,7 @@ def _check_start(cfg: StudyCfg, plant: str, seed: int, run: Path) -> None:
         raise RunError(f"{run}: started from {said[0]}, asked for is {said[1]}; {found.remedy}")
 
 
-def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
+def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> TaskCfg:
     return plant_cfg(
         plant,
         num_envs=cfg.num_envs,
@@ -215,26 +218,24 @@ def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
 def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
     saved = run / "checkpoint.pt"
     begin = None if saved.is_file() or cfg.start_from is None else start_file(cfg.start_from, plant, seed)
-    train_cfg = TrainCfg(
-        env=_env(cfg, plant, threads),
-        out=run,
-        seed=seed,
-        iterations=cfg.iterations,
-        until_gate=False,
-        check_every=float("inf"),
-        learning=cfg.learning,
-        command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
+    command = (
+        f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
         f"{cfg.iterations} --terrain {cfg.terrain} --randomize {cfg.randomize}"
         + (f" --power-price {cfg.power_price:g}" if plant in PAYING else f" --coupling {cfg.coupling.value}")
         + f" --desired-kl {cfg.learning.desired_kl:g} --entropy {cfg.learning.entropy:g}"
         + ("" if cfg.learning.symmetry else " --symmetry off")
-        + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
+        + (f" --start-from {cfg.start_from}" if cfg.start_from else "")
+    )
+    train_cfg = TrainCfg(
+        task=replace(_env(cfg, plant, threads), seed=seed),
+        ppo=cfg.learning,
+        run=RunCfg(out=run, iterations=cfg.iterations, no_gate=True, check_every=float("inf"), command=command),
     )
     return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
 
 
 def settled(
-    env: EnvCfg, seed: int, updates: int, learning: LearningCfg, begin: Callable[[], Path | None], folder: Path,
+    env: TaskCfg, seed: int, updates: int, learning: PpoCfg, begin: Callable[[], Path | None], folder: Path,
     command: str,
 ) -> Path | None:  # fmt: skip
     """Policy of a single training that is done in a folder, goes on there, or begins with another policy.
@@ -258,18 +259,18 @@ def settled(
         policy, saved, start = folder / "policy.onnx", folder / "checkpoint.pt", None
         if saved.is_file():
             content = checkpoint.load(saved)
-            mine = {**checkpoint.task(env), "seed": seed}
-            theirs = {**content["task"], "seed": content["seed"]}
-            if mine != theirs or content["iteration"] > updates:
+            other = any(differences(content["task"], env)) or content["seed"] != seed
+            if other or content["iteration"] > updates:
                 raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
             if content["iteration"] == updates and policy.is_file():
                 return policy
         elif (start := begin()) is None:
             return None
         train_cfg = TrainCfg(
-            env=env, out=folder, seed=seed, iterations=updates, until_gate=False, check_every=float("inf"),
-            learning=learning, command=command,
-        )  # fmt: skip
+            task=replace(env, seed=seed),
+            ppo=learning,
+            run=RunCfg(out=folder, iterations=updates, no_gate=True, check_every=float("inf"), command=command),
+        )
         result = Trainer(train_cfg, resume=None if start else saved, start_from=start).run(claimed=True)
         return None if result["stopped"] == "interrupted" else policy
 
@@ -293,7 +294,7 @@ def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
         "plant": plant,
         "seed": seed,
         **{key: result[key] for key in _COPIED},
-        "learning": learned(result),
+        "learning": plain(ppo_of(result)),
         "started_from": result.get("started_from"),  # results of earlier versions have none
         "curve": {key: [row[key] for row in kept] for key in KEPT if kept and key in kept[0]},
     }

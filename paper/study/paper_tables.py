@@ -20,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.enums import ZStep
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.resources import policy_file
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.runtime import text_table
@@ -171,7 +171,7 @@ def table3(cfg: EvaluationCfg | None = None, *, models: Sequence[str] = MODELS, 
 
 
 def evaluate(
-    cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None, *, env: EnvCfg | None = None
+    cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None, *, env: TaskCfg | None = None
 ) -> list[PolicyRow]:
     """Roll out the policies of several trainings in one batch.
 
@@ -286,17 +286,16 @@ def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = No
     return rows
 
 
-def _plant(step: str, cfg: EvaluationCfg) -> tuple[EnvCfg, float]:
+def _plant(step: str, cfg: EvaluationCfg) -> tuple[TaskCfg, float]:
     """The task on a plant, and the current its devices may use [A]."""
     if step == "go1":
-        return make_walk_cfg(robot="go1", actuator_model="none", sal=False, threads=cfg.threads), 0.0
+        return TaskCfg(robot="go1", actuator="none", sal=False, threads=cfg.threads), 0.0
     if step == "mass":
-        return make_walk_cfg(actuator_model="none", sal=False, threads=cfg.threads), 0.0
-    env = make_walk_cfg(z_step=ZStep.EULER, threads=cfg.threads, coupling=cfg.coupling)
+        return TaskCfg(actuator="none", sal=False, threads=cfg.threads), 0.0
+    env = TaskCfg(z_step=ZStep.EULER, threads=cfg.threads, coupling=cfg.coupling)
     if step == "drag":
         return env, 0.0
-    branches = replace(env.actuator, damping=step != "holding", holding=step != "damping")
-    return replace(env, actuator=branches), CURRENT
+    return replace(env, damping=step != "holding", holding=step != "damping"), CURRENT
 
 
 def plain_row(row: PolicyRow) -> dict[str, Any]:

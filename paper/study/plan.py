@@ -22,10 +22,11 @@ from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared whe
     Coupling,
     ZStep,
 )
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.mdp_cfg import make_randomize_cfg, make_terrain_cfg
 from mrwarp.options.json_file import read_json_file
-from mrwarp.resources import POLICIES, policy_file, shipped_model
-from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.resources import POLICIES, policy_file
+from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.run_dir import plain, write_text
 from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
@@ -84,7 +85,7 @@ class StudyCfg:
     """How the devices act: the paper's torque, or a brake that sticks; the robots of tables 6 and 7 have their own."""
     power_price: float = POWER_PRICE
     """Price of a watt [1/W]; only the robots of tables 6 and 7 pay it."""
-    learning: LearningCfg = field(default_factory=LearningCfg)
+    learning: PpoCfg = field(default_factory=PpoCfg)
     """How fast the networks learn."""
     start_from: Path | None = None
     """Folder of policies or of runs that the trainings begin with, each with that of its plant and seed; None draws
@@ -135,7 +136,7 @@ def plant_cfg(
     randomize: str = RANDOMIZE,
     power_price: float = POWER_PRICE,
     coupling: Coupling = Coupling.EXPLICIT,
-) -> EnvCfg:
+) -> TaskCfg:
     """The walking task on a plant, with the paper's Euler step.
 
     ``coupling``: how devices act (eqs. 6, 19, or a brake that sticks); those of ``PAYING`` act as their name says.
@@ -152,15 +153,14 @@ def plant_cfg(
     bare = plant in (CONVENTIONAL, "go1")
     paying = plant in PAYING
     model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
-    cfg = make_walk_cfg(
+    cfg = TaskCfg(
         num_envs=num_envs,
         robot="go1" if bare else "mr_go",
-        actuator_model=model,
-        actuator_file=shipped_model(model),
+        actuator=model,
         sal=not (bare or plant == "mr_go"),
-        terrain=terrain,
+        terrain=make_terrain_cfg(terrain),
         threads=threads,
-        randomize=randomize,
+        randomize=make_randomize_cfg(randomize),
         coupling=(Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT) if paying else coupling,
         z_step=ZStep.EULER,
     )

@@ -19,7 +19,7 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.enums import ZStep
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.gait import legs_of
 from mrwarp.resources import policy_file
 from mrwarp.rl.policy import OnnxPolicy
@@ -144,7 +144,7 @@ class Pusher:
         one_arm = np.concatenate([np.zeros((1, trials, 2)), force_xy]).reshape(-1, 2)  # the first is not pushed
         sweep.forces[:, :2] = np.tile(one_arm, (count, 1))
         fell = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
-        fallen = EnvCfg()
+        fallen = TaskCfg()
 
         def watch(time: float) -> None:
             if time > 0.0:

@@ -119,9 +119,9 @@ def measure(cfg: LimitsCfg, electrical: ElectricalCfg) -> dict[str, Any]:
     cases = [(width, lead, pulse) for width in WIDTHS for lead, pulse in RELEASES.values()]
     width, lead, pulse = settings(cfg, cases).T
     base = replace(
-        task(cfg), current=CurrentCommand.SCHEDULED, currents=(CURRENT,), coil_lag=LAG, model=device(WIDTHS[1])
+        task(cfg), current_by=CurrentCommand.SCHEDULED, currents=(CURRENT,), coil_lag=LAG, model=device(WIDTHS[1])
     )
-    base = replace(base, actuator=replace(base.actuator, latch=1.0))
+    base = replace(base, latch=1.0)
     env = make_env(base, len(width), 0)
     effects = env.actuator.effects
     assert effects is not None  # the model has one

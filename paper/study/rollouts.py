@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from mrwarp.enums import Coupling
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.runtime import one_torch_thread
 from mrwarp.trials.power_meter import MotionMeter
@@ -93,7 +93,7 @@ class Measured:
 @one_torch_thread()
 def roll_out(
     cfg: EvaluationCfg,
-    plant: EnvCfg,
+    plant: TaskCfg,
     policies: Sequence[Policy],
     currents: Sequence[float],
     report: Callable[[float], None] | None = None,

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
 

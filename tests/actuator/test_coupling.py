@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import Coupling, MrActuator, MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.actuator.mr_actuator import MrActuator
+from mrwarp.enums import Coupling
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
 from mrwarp.params import MrParams

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 import warp as wp
 
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.effect_runtime import values_row
-from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, ZStep
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
 from mrwarp.effects.law import STRAIN_TIME
 from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams
 from tests.effects.strengths import STRENGTHS

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
 from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.enums import HYSTERESIS_LAWS, Coupling, ZStep
 from mrwarp.model_file import Effect, load_model, make_effect

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
 from mrwarp.kernels.mr_joint import FIELDS

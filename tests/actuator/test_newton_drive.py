@@ -17,8 +17,10 @@ import warp as wp
 
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator import newton_drive as drive_module
-from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg, ZStep
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
 from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, drive_inputs, prepare_brake
+from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, save_model
 from mrwarp.params import MrParams, ParameterError

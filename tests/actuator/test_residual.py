@@ -17,14 +17,16 @@ import torch
 import warp as wp
 
 import mrwarp.actuator.residual
-from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
 from mrwarp.actuator.newton_drive import DriveMR, drive_inputs
 from mrwarp.actuator.residual import KINDS, LearnedTorque, states_at_rest, window_now, with_bouc_wen
+from mrwarp.enums import Coupling, HoldCurrent, LstmState
 from mrwarp.identify import learn
 from mrwarp.kernels import launch
 from mrwarp.kernels.launch import capture
 from mrwarp.model_file import make_effect
-from mrwarp.nn.models import LstmState, LstmTorque, make_net
+from mrwarp.nn.models import LstmTorque, make_net
 from mrwarp.nn.network_file import DEVICE, LearnedModel, OtherDeviceError, SamplingRateError, load, shipped_model
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
 from mrwarp.recording.load import Recording, Trajectory

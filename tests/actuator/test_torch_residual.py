@@ -11,10 +11,9 @@ import warp as wp
 from torch import nn
 
 from mrwarp.actuator.residual import KINDS, LearnedTorque, window_now
-from mrwarp.enums import ResidualEngine
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.enums import LstmState, ResidualEngine
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.nn.models import LstmState
 from tests.actuator.test_residual import DT, MR, Loop, evaluate, make_model, make_motion, make_window
 
 ROUNDING = 1e-5
@@ -147,17 +146,17 @@ def test_a_walk_with_a_module_runs_between_captured_graphs() -> None:
     """Captured and eager policy steps give the same bits; the module's torque is felt; two residuals are refused."""
     found = []
     for capture, net in ((True, Gru()), (False, Gru()), (True, None)):
-        cfg = make_walk_cfg(num_envs=2, seed=5, randomize="none")
-        cfg = replace(cfg, sim=replace(cfg.sim, capture=capture))
-        env = WalkEnv(cfg, residual=LearnedTorque(net, dt=cfg.sim.dt) if net else None)
+        cfg = TaskCfg(num_envs=2, seed=5, randomize="none")
+        cfg = replace(cfg, capture=capture)
+        env = WalkEnv(cfg, residual=LearnedTorque(net, dt=cfg.dt) if net else None)
         for k in range(12):
             env.step(torch.full((2, 12), 0.6 * (-1) ** k))
         found.append(env.q.clone())
     assert torch.equal(found[0], found[1])
     assert not torch.equal(found[0], found[2])
-    cfg = make_walk_cfg(num_envs=1, actuator_model="mlp", actuator_file="models/mlp.safetensors")
+    cfg = TaskCfg(num_envs=1, actuator="mlp", actuator_file="models/mlp.safetensors")
     with pytest.raises(ValueError, match="give no other residual"):
-        WalkEnv(cfg, residual=LearnedTorque(Gru(), dt=cfg.sim.dt))
+        WalkEnv(cfg, residual=LearnedTorque(Gru(), dt=cfg.dt))
 
 
 @pytest.mark.gpu

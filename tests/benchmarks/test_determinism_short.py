@@ -11,8 +11,9 @@ import warp as wp
 from benchmarks import determinism
 from benchmarks.determinism import differing, in_processes, simulate, train
 from mrwarp.env.backend import BackendKind, MjBatchBackend, MjWarpBackend
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.sim import Sim, SimCfg, robot_scene
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import Sim, robot_scene
 from mrwarp.runtime import repeating_torch
 
 ROOT = Path(__file__).parents[2]
@@ -93,7 +94,7 @@ def test_deterministic_reaches_the_engine_that_has_it() -> None:
         assert isinstance(sim.backend, MjWarpBackend)
         assert sim.backend.model.opt.deterministic == switches
     assert isinstance(Sim(scene, SimCfg(num_envs=1, deterministic=True)).backend, MjBatchBackend)
-    assert not make_walk_cfg().sim.deterministic
+    assert not TaskCfg().deterministic
 
 
 def test_repeating_torch_is_asked_for_and_given_back() -> None:

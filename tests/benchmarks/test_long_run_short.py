@@ -3,14 +3,14 @@
 import pytest
 
 from benchmarks.long_run import LongRun, walk_long
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
 
 @pytest.mark.slow
 def test_walking_on_needs_no_more_memory() -> None:
     """20 s of wall time: no number goes wrong, memory stays. Step time is left to the quiet machine of the long run."""
-    run = walk_long(OnnxPolicy(DEFAULT_POLICY), make_walk_cfg(num_envs=16, seed=3), seconds=20.0)
+    run = walk_long(OnnxPolicy(DEFAULT_POLICY), TaskCfg(num_envs=16, seed=3), seconds=20.0)
     assert (run.broken, run.not_finite) == (0, 0) and run.memory_growth < 0.02
     assert run.robot_hours == pytest.approx(16 * 250 * 0.02 / 3600 * len(run.at))
     assert min(run.memory) > 100.0 and min(run.step_ms) > 0.05

@@ -13,7 +13,7 @@ import warp as wp
 from mrwarp.actuator.newton_drive import DriveMR
 from mrwarp.cli import main
 from mrwarp.effects.catalogue import HYSTERESIS
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.identify.learn import bench_parameters
 from mrwarp.identify.parameters import LINEAR, SHAPE
@@ -96,7 +96,7 @@ def from_asset(model: Model, folder: Path) -> dict[str, float]:
 
 def from_environment(model: Model, folder: Path) -> dict[str, float]:
     """Station: what the robot's kernels read, in 32 bits."""
-    env = WalkEnv(replace(make_walk_cfg(num_envs=1), model=str(saved(model, folder)), randomize=None))
+    env = WalkEnv(replace(TaskCfg(num_envs=1), model=str(saved(model, folder)), randomize=None))
     assert env.actuator.effects is not None
     return {name: float(env.actuator.param(name).numpy()[0, 0]) for name, _ in MrParams()}
 

@@ -13,7 +13,7 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.env.asset_trial import convert
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import load_model
 from mrwarp.params import MrParams
@@ -230,11 +230,11 @@ def test_a_robot_with_longer_links_starts_on_the_ground(robot):
     """Links of 0.25 m pass the check, and the height that episodes begin at follows from them."""
     replaced(robot, LINK, "(0, 0, -0.25)")
     assert main(["asset", "check", str(robot)]) == 0
-    env = WalkEnv(replace(make_walk_cfg(num_envs=2), asset=str(robot), randomize=None))
+    env = WalkEnv(replace(TaskCfg(num_envs=2), asset=str(robot), randomize=None))
     soles = env.root_pos[:, 2].numpy()[:, None] + env.sim.scene.soles[:, 2]
     assert np.all((soles > 0.0) & (soles < 0.011))
     assert env.sim.scene.stand_height == 0.388
-    assert WalkEnv(replace(make_walk_cfg(num_envs=1), randomize=None)).sim.scene.stand_height == STAND_HEIGHT
+    assert WalkEnv(replace(TaskCfg(num_envs=1), randomize=None)).sim.scene.stand_height == STAND_HEIGHT
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,14 +16,15 @@ import pytest
 import torch
 
 from mrwarp.cli import main
-from mrwarp.commands.run_train import Train, changed_weights
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.rewards import TERMS
-from mrwarp.options.command_line import CommandLine, parse
+from mrwarp.commands.run_train import Train
+from mrwarp.enums import CurrentCommand, ZStep
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.mdp_cfg import RewardCfg, TerrainCfg
+from mrwarp.options.command_line import CommandLine, option_fields, parse
 from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.ranks import Ranks
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
 from mrwarp.trials.walking import GateCheck, WalkingGate
 from mrwarp.usd.open_stage import ASSETS
 from paper.study.plan import POWER_PRICE
@@ -56,8 +59,8 @@ REFUSED: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "half an environment": (["--num-envs", "0.5"], ("--num-envs", "0.5")),
     "no iterations": (["--iterations", "0"], ("--iterations", "0 must be at least 1")),
     "an unknown actuator": (["--actuator", "magic"], ("--actuator", "magic", "bouc_wen")),
-    "a file for an actuator that learns nothing": (["--actuator-model", "{text}"], ("bouc_wen", "{text}")),
-    "a missing network": (["--actuator", "mlp", "--actuator-model", "{tmp}/none.st"], ("{tmp}/none.st",)),
+    "a file for an actuator that learns nothing": (["--actuator-file", "{text}"], ("bouc_wen", "{text}")),
+    "a missing network": (["--actuator", "mlp", "--actuator-file", "{tmp}/none.st"], ("{tmp}/none.st",)),
     "a negative price of power": (["--power-price", "-1"], ("--power-price", "-1 must be at least 0")),
     "an unknown randomisation": (["--randomize", "moon"], ("--randomize", "moon", "ground")),
     "an unknown robot": (["--robot", "spot"], ("--robot", "spot", "mr_go")),
@@ -95,10 +98,50 @@ def test_defaults() -> None:
     """Those of the task: 64 environments on the CPU; the price in the help is that of the shipped policies."""
     assert f"policies/energy pay {POWER_PRICE:g}" in Path(inspect.getfile(Train)).read_text(encoding="utf-8")
     options = parse(Train, [], "mrwarp train")
-    assert (options.device, options.num_envs, options.seed, options.actuator) == ("cpu", 64, 0, "bouc_wen")
-    assert (options.robot, options.payload, options.coupling.value, options.sal) == ("mr_go", 0, "constraint", "on")
+    assert options.cfg == options.priced() == TrainCfg()
     assert (WalkingGate().num_envs, WalkingGate().seconds) == (64, 20.0)
-    assert LearningCfg(desired_kl=options.desired_kl, entropy=options.entropy) == LearningCfg()
+    task = options.cfg.task
+    assert (task.device, task.num_envs, task.seed, task.actuator) == ("cpu", 64, 0, "bouc_wen")
+    assert (task.robot, task.payload, task.coupling.value, task.sal) == ("mr_go", 0, "constraint", True)
+
+
+OPTIONS = {
+    "num_envs": ("--num-envs 3", 3), "terrain": ("--terrain rough", TerrainCfg()), "sal": ("--sal off", False),
+    "randomize": ("--randomize none", None), "currents": ("--current 0.2 1", (0.2, 1.0)), "seed": ("--seed 7", 7),
+    "current_by": ("--current-by learned", CurrentCommand.LEARNED), "z_step": ("--z-step euler", ZStep.EULER),
+    "rewards": ("--reward tilt=-9 --power-price 2", RewardCfg(weights={"tilt": -9.0, "power": -2.0})),
+}  # fmt: skip
+"""Options of the task, and what its fields then are."""
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_an_option_is_the_field_of_the_task(name: str) -> None:
+    """The command line is read into the configuration that the environment takes; nothing else changes."""
+    words, value = OPTIONS[name]
+    cfg = parse(Train, words.split(), "mrwarp train").priced()
+    assert getattr(cfg.task, name) == value
+    assert cfg == TrainCfg(task=replace(TaskCfg(), **{name: value}))
+
+
+def test_an_option_is_declared_once() -> None:
+    """The command has no option that a configuration within it has, and each of those stands in one dataclass."""
+    names = [name for _, _, name in option_fields(Train)]
+    assert len(names) == len(set(names)) and {"num_envs", "desired_kl", "iterations", "current"} <= set(names)
+    declared = Counter(
+        name for kind in TaskCfg.__mro__ for name in vars(kind).get("__annotations__", ())
+    )  # fmt: skip
+    assert {name: count for name, count in declared.items() if count > 1} == {}
+
+
+def test_earlier_spellings_are_taken_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """``--current`` was a law in train, ``--actuator-model`` a file; one line says what they are called now."""
+    words = ["--actuator-model=own.st", "--actuator", "mlp", "--current", "scheduled"]
+    task = parse(Train, words, "mrwarp train").cfg.task
+    assert (task.actuator_file, task.current_by) == ("own.st", CurrentCommand.SCHEDULED)
+    assert main(["train", *words]) == 2  # there is no such network
+    said = capsys.readouterr().err.splitlines()
+    notes = ["note: --actuator-model is called --actuator-file now", "note: --current is called --current-by now"]
+    assert said[:2] == notes and "own.st" in said[2] and len(said) == 3
 
 
 def start(*args: str) -> subprocess.Popen[str]:
@@ -144,10 +187,6 @@ def test_short_training_from_end_to_end(
 
 def test_weights_of_reward_terms_are_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """They reach task and record; a term that is not there, or no number, is refused before anything is made."""
-    chosen = Train(reward=("tilt=-20", "bounce=-2"), power_price=0.01)
-    assert chosen._weights() == {"tilt": -20.0, "bounce": -2.0, "power": -0.01}
-    task = {"tilt": -20.0, **{name: term.weight for name, term in TERMS.items() if name != "tilt"}}
-    assert changed_weights(task) == ("tilt=-20.0",)
     for word, said in {
         "tlt=1": "reward 'tlt' is unknown; choose from track_velocity",
         "tilt": "give a term and its",
@@ -229,12 +268,12 @@ def test_a_missed_gate_of_several_processes_is_no_error(
     world: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Torchrun shows a traceback after any other exit code than 0; a lone process ends with 1."""
-    scene = SimpleNamespace(sim=SimpleNamespace(scene=SimpleNamespace(actuators=())), cfg=make_walk_cfg())
+    scene = SimpleNamespace(sim=SimpleNamespace(scene=SimpleNamespace(actuators=())), cfg=TaskCfg())
     result = {"stopped": "iterations", "gate_passed": False, "seconds": 1.0, "iterations": 1}
     trainer = SimpleNamespace(env=scene, run=lambda **_: result)
     monkeypatch.setattr("mrwarp.rl.trainer.Trainer", lambda *_, **__: trainer)
     monkeypatch.setattr(Ranks, "leave", lambda _: None)
-    options = Train(out=tmp_path)
+    options = Train(cfg=TrainCfg(run=RunCfg(out=tmp_path)))
     assert options._train(CommandLine("mrwarp train", ()), Ranks(world=world)) == code
 
 

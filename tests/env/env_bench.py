@@ -5,13 +5,13 @@ from typing import Any
 
 import torch
 
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 
 
-def make_cfg(num_envs: int = 8, *, seed: int = 0, threads: int = 0, **changes: Any) -> EnvCfg:
+def make_cfg(num_envs: int = 8, *, seed: int = 0, threads: int = 0, **changes: Any) -> TaskCfg:
     """The training task, with noise and randomisation, and changes to it."""
-    return replace(make_walk_cfg(num_envs=num_envs, seed=seed, threads=threads), **changes)
+    return replace(TaskCfg(num_envs=num_envs, seed=seed, threads=threads), **changes)
 
 
 def random_actions(steps: int, num_envs: int, *, scale: float = 0.5, seed: int = 0) -> list[torch.Tensor]:

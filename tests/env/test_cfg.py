@@ -1,35 +1,37 @@
 """The task's configuration: fresh objects, refusals with the value, derived times, and the variant for evaluation."""
 
 from dataclasses import FrozenInstanceError, fields, replace
+from pathlib import Path
 
 import pytest
 
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, ZStep
+from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_play_cfg, make_randomize_cfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg, make_play_cfg
+from mrwarp.env.config.mdp_cfg import RandomizeCfg, TerrainCfg, make_randomize_cfg
 
 
-def test_make_walk_cfg_returns_equal_but_separate_objects() -> None:
+def test_two_tasks_are_equal_but_separate_objects() -> None:
     """Two calls share no nested object, so that no variant can change another."""
-    first, second = make_walk_cfg(), make_walk_cfg()
+    first, second = TaskCfg(), TaskCfg()
     assert first == second
-    for name in ("sim", "actuator", "commands", "noise", "randomize", "rewards"):
+    for name in ("solver", "commands", "noise", "randomize", "rewards"):
         assert getattr(first, name) is not getattr(second, name), name
 
 
-def test_make_walk_cfg_passes_every_choice_on() -> None:
-    """Each argument ends up in the field that the environment reads."""
-    cfg = make_walk_cfg(
-        num_envs=3, device="cpu", seed=7, robot="go1", payload=3, asset="x.usda", actuator_model="mlp",
+def test_every_choice_is_kept() -> None:
+    """Each argument ends up in the field that the environment reads; ground and randomisation by name, too."""
+    cfg = TaskCfg(
+        num_envs=3, device="cpu", seed=7, robot="go1", payload=3, asset="x.usda", actuator="mlp",
         actuator_file="net.safetensors", coupling=Coupling.EXPLICIT, hold_current=HoldCurrent.FIXED,
         z_step=ZStep.EXACT, sal=False, backend=BackendKind.MJWARP, threads=2,
-        deterministic=True, randomize="none",
+        deterministic=True, randomize="none", terrain="rough",
     )  # fmt: skip
-    assert cfg.sim.deterministic and cfg.randomize is None
-    assert (cfg.sim.num_envs, cfg.sim.device, cfg.sim.backend, cfg.sim.threads) == (3, "cpu", BackendKind.MJWARP, 2)
+    assert cfg.deterministic and cfg.randomize is None and cfg.terrain == TerrainCfg()
+    assert (cfg.num_envs, cfg.device, cfg.backend, cfg.threads) == (3, "cpu", BackendKind.MJWARP, 2)
     assert (cfg.seed, cfg.robot, cfg.payload, cfg.asset) == (7, "go1", 3, "x.usda")
-    assert (cfg.actuator_model, cfg.actuator_file) == ("mlp", "net.safetensors")
-    chosen = (cfg.actuator.coupling, cfg.actuator.hold_current, cfg.actuator.z_step, cfg.actuator.sal)
+    assert (cfg.actuator, cfg.actuator_file) == ("mlp", "net.safetensors")
+    chosen = (cfg.coupling, cfg.hold_current, cfg.z_step, cfg.sal)
     assert chosen == (Coupling.EXPLICIT, HoldCurrent.FIXED, ZStep.EXACT, False)
 
 
@@ -44,17 +46,26 @@ def test_ground_randomises_friction_and_kicks_alone() -> None:
 
 def test_cfg_cannot_be_edited_in_place() -> None:
     """A configuration is frozen; a variant is a copy."""
-    cfg = make_walk_cfg()
+    cfg = TaskCfg()
     for field in fields(cfg):
         with pytest.raises(FrozenInstanceError):
             setattr(cfg, field.name, None)
 
 
+def test_a_learned_actuator_has_the_shipped_network_or_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing need be said of the shipped one; without one, the file is asked for."""
+    assert TaskCfg().network is None
+    assert Path(TaskCfg(actuator="lstm").network or "").name == "lstm.safetensors"
+    assert TaskCfg(actuator="lstm", actuator_file="own.safetensors").network == "own.safetensors"
+    monkeypatch.setattr("mrwarp.env.cfg.shipped_model", lambda kind: None)
+    with pytest.raises(ValueError, match="'lstm' needs an actuator_file"):
+        TaskCfg(actuator="lstm")
+
+
 @pytest.mark.parametrize(
     ("change", "value"),
     [
-        ({"actuator_model": "magic"}, "magic"),
-        ({"actuator_model": "lstm"}, "'lstm' needs an actuator_file"),
+        ({"actuator": "magic"}, "magic"),
         ({"actuator_file": "net.safetensors"}, "'bouc_wen' takes no actuator_file, got 'net.safetensors'"),
         ({"currents": ()}, r"\(\)"),
         ({"currents": (0.5, -0.1)}, "-0.1"),
@@ -65,12 +76,12 @@ def test_cfg_cannot_be_edited_in_place() -> None:
 def test_cfg_refuses_nonsense_and_names_the_value(change: dict, value: str) -> None:
     """An unusable choice is refused when the object is made, with the value in the message."""
     with pytest.raises(ValueError, match=value):
-        replace(make_walk_cfg(), **change)
+        replace(TaskCfg(), **change)
 
 
 def test_cfg_times_are_the_papers() -> None:
     """Policy at 50 Hz (4 torque steps of 5 ms), episodes of 20 s = 1000 steps, gait clock 1.5 Hz."""
-    cfg = EnvCfg()
+    cfg = TaskCfg()
     assert cfg.step_dt == pytest.approx(0.02, rel=1e-15)
     assert cfg.episode_steps == 1000
     assert cfg.gait_frequency == 1.5
@@ -79,7 +90,7 @@ def test_cfg_times_are_the_papers() -> None:
 
 def test_play_cfg_differs_only_in_noise_randomisation_and_command_period() -> None:
     """Evaluation is the same task with the nominal robot, no noise and commands held."""
-    cfg = make_walk_cfg(seed=3, payload=3, sal=False)
+    cfg = TaskCfg(seed=3, payload=3, sal=False)
     play = make_play_cfg(cfg)
     assert play.noise is None and play.randomize is None and play.commands.period == float("inf")
     commands = replace(play.commands, period=cfg.commands.period)

@@ -10,13 +10,14 @@ import warp as wp
 
 from mrwarp.enums import CurrentCommand
 from mrwarp.env import commands
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.params import MrParams
 from mrwarp.resources import POLICIES
 from mrwarp.rl.policy import OnnxPolicy, PolicyError
-from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer
 
 
 @wp.kernel
@@ -54,7 +55,7 @@ def test_the_law_holds_12_times_the_need_of_a_slow_joint_and_gives_all_to_a_fast
 
 def test_latched_gates_are_commanded_all_that_is_allowed() -> None:
     """I_e of each environment at every device, without further actions."""
-    cfg = make_walk_cfg(num_envs=4, current=CurrentCommand.LATCHED, randomize="none")
+    cfg = TaskCfg(num_envs=4, current_by=CurrentCommand.LATCHED, randomize="none")
     env = WalkEnv(replace(cfg, currents=(0.5, 1.0)))
     assert env.num_actions == 12
     env.step(torch.zeros(4, 12))
@@ -63,7 +64,7 @@ def test_latched_gates_are_commanded_all_that_is_allowed() -> None:
 
 def test_the_policy_commands_what_flows() -> None:
     """16 actions, 51 observations; no current where the policy wants none, its own where a gate is open."""
-    env = WalkEnv(make_walk_cfg(num_envs=6, current=CurrentCommand.LEARNED, randomize="none"))
+    env = WalkEnv(TaskCfg(num_envs=6, current_by=CurrentCommand.LEARNED, randomize="none"))
     assert env.num_actions == 16 and env.get_observations()["actor"].shape == (6, 51)
     env.current_e.fill_(1.5)
     actions = torch.zeros(6, 16)
@@ -79,26 +80,26 @@ def test_the_policy_commands_what_flows() -> None:
 
 def test_without_a_command_nothing_is_launched() -> None:
     """The default has no launch of its own, and the actuator no command to read."""
-    env = WalkEnv(make_walk_cfg(num_envs=2))
+    env = WalkEnv(TaskCfg(num_envs=2))
     assert env._command_current == [] and env.actuator.inputs.command is None
 
 
 def test_coil_lag_and_hold_speed_reach_every_device() -> None:
     """Options of the task that the devices carry; wrong ones are refused."""
-    env = WalkEnv(make_walk_cfg(num_envs=2, coil_lag=0.02, hold_speed=0.5, randomize="none"))
+    env = WalkEnv(TaskCfg(num_envs=2, coil_lag=0.02, hold_speed=0.5, randomize="none"))
     for name, value in (("coil_time_constant", 0.02), ("eps_hold", 0.5)):
         np.testing.assert_allclose(env.actuator.param(name).numpy(), value, rtol=1e-6)
     for wrong in ({"coil_lag": -0.1}, {"hold_speed": 0.0}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
-            make_walk_cfg(**wrong)
+            TaskCfg(**wrong)
 
 
 @pytest.mark.usefixtures("short_gate")
 def test_a_policy_without_currents_is_a_start_for_one_with(tmp_path: Path) -> None:
     """It begins with the same joint targets and a third of the current; its export runs, and is refused elsewhere."""
     start = POLICIES / "energy" / "mr_go_sal_seed0.onnx"
-    env = make_walk_cfg(num_envs=4, current=CurrentCommand.LEARNED)
-    trainer = Trainer(TrainCfg(env=env, out=tmp_path, iterations=0), start_from=start)
+    env = TaskCfg(num_envs=4, current_by=CurrentCommand.LEARNED)
+    trainer = Trainer(TrainCfg(task=env, run=RunCfg(out=tmp_path, iterations=0)), start_from=start)
     obs = trainer.env.get_observations()
     plain = torch.cat([obs["actor"][:, :45], obs["actor"][:, 49:]], dim=1)
     with torch.no_grad():
@@ -109,5 +110,5 @@ def test_a_policy_without_currents_is_a_start_for_one_with(tmp_path: Path) -> No
     policy = OnnxPolicy(tmp_path / "policy.onnx")
     assert (policy.joints, policy.currents) == (12, 4)
     torch.testing.assert_close(policy(obs), actions, rtol=1e-4, atol=1e-4)
-    with pytest.raises(PolicyError, match="--current learned"):
+    with pytest.raises(PolicyError, match="--current-by learned"):
         policy(torch.zeros(1, 47))

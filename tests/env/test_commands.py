@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from mrwarp.env.cfg import CommandCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.mdp_cfg import CommandCfg
 from mrwarp.env.vec_env import WalkEnv
 
 
@@ -17,7 +18,7 @@ def make_env(
     seed: int = 5,
 ) -> WalkEnv:
     """Environments whose only random draws after the start are commands and resets."""
-    cfg = make_walk_cfg(num_envs=num_envs, seed=seed)
+    cfg = TaskCfg(num_envs=num_envs, seed=seed)
     commands = commands or CommandCfg(period=period)
     return WalkEnv(replace(cfg, noise=None, randomize=None, commands=commands, episode_seconds=episode_seconds))
 

@@ -7,27 +7,25 @@ import pytest
 import torch
 import warp as wp
 
+from mrwarp.enums import LstmState
 from mrwarp.env import events, observations, rewards, sim
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.mdp_cfg import RandomizeCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.launch import Launch, record
-from mrwarp.nn.models import LstmState
-from mrwarp.nn.network_file import shipped_model
 
 MJBATCH, MJWARP = BackendKind
 
 
 def make_cfg(
     backend: BackendKind, *, capture: bool = True, threads: int = 1, terrain: str = "flat", **changes: Any
-) -> EnvCfg:
+) -> TaskCfg:
     """The training task with short episodes, many kicks and a new command every 0.1 s."""
-    cfg = make_walk_cfg(num_envs=6, seed=3, backend=backend, threads=threads, terrain=terrain)
+    cfg = TaskCfg(num_envs=6, seed=3, backend=backend, threads=threads, terrain=terrain)
     often = replace(cfg.commands, period=0.1)
     shaken = RandomizeCfg(push_speed=1.0, push_interval=0.1)
-    return replace(
-        cfg, sim=replace(cfg.sim, capture=capture), episode_seconds=0.3, commands=often, randomize=shaken, **changes
-    )
+    return replace(cfg, capture=capture, episode_seconds=0.3, commands=often, randomize=shaken, **changes)
 
 
 def walk(env: WalkEnv, steps: int) -> tuple[torch.Tensor, dict[str, int]]:
@@ -77,7 +75,7 @@ def test_two_hundred_steps_on_mujoco_warp_with_resets() -> None:
 @pytest.mark.slow
 def test_a_learned_residual_is_part_of_the_graph() -> None:
     """PG-RLSTM on MuJoCo-Warp: the same bits eager and captured, and one graph."""
-    learned = {"actuator_model": "pg_rlstm", "actuator_file": shipped_model("pg_rlstm")}
+    learned = {"actuator": "pg_rlstm"}
     graphs, eager = (WalkEnv(make_cfg(MJWARP, capture=capture, **learned)) for capture in (True, False))
     assert_same(graphs, eager, 40)
 
@@ -136,8 +134,8 @@ def test_a_step_on_mujoco_warp_is_one_graph_and_reads_nothing_back(monkeypatch: 
 def test_a_step_on_mjbatch_is_a_graph_before_between_and_after_its_physics(learned: bool) -> None:
     """Graphs before, between and after four steps of the engine, and around a learned torque that uses threads."""
     # whole windows at every step are so much work that a second thread helps
-    model = {"actuator_model": "pg_rlstm", "lstm_state": LstmState.WINDOW} if learned else {}
-    env = WalkEnv(make_cfg(MJBATCH, threads=2, actuator_file=shipped_model("pg_rlstm") if learned else None, **model))
+    model = {"actuator": "pg_rlstm", "lstm_state": LstmState.WINDOW} if learned else {}
+    env = WalkEnv(make_cfg(MJBATCH, threads=2, **model))
     env.step(torch.zeros(6, 12))
     host = [*([env.actuator.add_residual] if learned else []), env.sim.engine]
     calls = env.step_graph.calls(env.robot.on_host())

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import Coupling
+from mrwarp.enums import Coupling
 from mrwarp.env import events
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.events import RandomizeCfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.mdp_cfg import RandomizeCfg
 from mrwarp.env.rng import STEP
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.mr_joint import FIELDS
@@ -26,7 +26,7 @@ FLOAT32 = 1e-6
 
 def make_env(cfg: RandomizeCfg | None, num_envs: int = NUM_ENVS, coupling: Coupling = Coupling.CONSTRAINT) -> WalkEnv:
     """Environments without observation noise and pushes, unless ``cfg`` says so."""
-    return WalkEnv(replace(make_walk_cfg(num_envs=num_envs, seed=4, coupling=coupling), noise=None, randomize=cfg))
+    return WalkEnv(replace(TaskCfg(num_envs=num_envs, seed=4, coupling=coupling), noise=None, randomize=cfg))
 
 
 def push(env: WalkEnv) -> None:
@@ -233,7 +233,7 @@ def test_nominal_robot_without_randomisation(nominal: WalkEnv) -> None:
 
 def test_robot_without_devices_is_randomised_too() -> None:
     """Gains, mass and friction of a robot with plain motors vary; there is no device to vary."""
-    cfg = replace(make_walk_cfg(num_envs=8, actuator_model="none"), randomize=RandomizeCfg())
+    cfg = replace(TaskCfg(num_envs=8, actuator="none"), randomize=RandomizeCfg())
     env = WalkEnv(cfg)
     assert env.actuator.mr_joints == ()
     assert len(np.unique(env.actuator.kp.numpy()[:, PLAIN[0]])) == 8

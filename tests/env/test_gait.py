@@ -9,7 +9,7 @@ import torch
 import warp as wp
 
 from mrwarp.env import gait
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.env.vec_env import WalkEnv
@@ -178,7 +178,7 @@ def test_feet_of_the_neutral_stance_touch_the_ground(scene: Scene) -> None:
 
 def test_env_clock_runs_at_the_gait_frequency() -> None:
     """1.5 Hz at 20 ms steps: 0.03 cycles per step, and after 2 s, three cycles, the clock is where it was."""
-    env = WalkEnv(make_walk_cfg(num_envs=3, seed=1))
+    env = WalkEnv(TaskCfg(num_envs=3, seed=1))
     start = env.phase.clone()
     env.step(torch.zeros(3, 12))
     first = torch.remainder(env.phase - start, 1.0)

@@ -11,7 +11,7 @@ import torch
 
 from mrwarp.env import nan_guard
 from mrwarp.env.backend import BackendKind, MjBatchBackend
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 
 NAN, INF = float("nan"), float("inf")
@@ -30,7 +30,7 @@ def log(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def make_env(backend: BackendKind = BackendKind.MJBATCH, **changes: Any) -> WalkEnv:
     """Four robots without draws in their steps."""
-    cfg = make_walk_cfg(num_envs=4, seed=9, threads=1, backend=backend)
+    cfg = TaskCfg(num_envs=4, seed=9, threads=1, backend=backend)
     return WalkEnv(replace(cfg, noise=None, randomize=None, **changes))
 
 

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from mrwarp.env import observations
-from mrwarp.env.cfg import NoiseCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.mdp_cfg import NoiseCfg
 from mrwarp.env.rng import SEED, STEP
 from mrwarp.env.vec_env import WalkEnv
 
@@ -24,7 +25,7 @@ ROUNDING = 1e-6
 
 def make_env(noise: NoiseCfg | None = None, num_envs: int = 6, steps: int = 12) -> WalkEnv:
     """Environments in the middle of a movement."""
-    env = WalkEnv(replace(make_walk_cfg(num_envs=num_envs, seed=2), noise=noise))
+    env = WalkEnv(replace(TaskCfg(num_envs=num_envs, seed=2), noise=noise))
     generator = torch.Generator().manual_seed(0)
     for _ in range(steps):
         env.step(torch.rand(num_envs, 12, generator=generator) - 0.5)
@@ -202,7 +203,7 @@ def test_critic_layout() -> None:
 
 def test_critic_of_a_robot_without_devices_has_no_device_columns() -> None:
     """``go1`` has no gates and currents: 12 columns fewer, the same actor."""
-    cfg = replace(make_walk_cfg(num_envs=2, robot="go1"), noise=None)
+    cfg = replace(TaskCfg(num_envs=2, robot="go1"), noise=None)
     obs = WalkEnv(cfg).get_observations()
     assert obs["actor"].shape == (2, 47)
     assert obs["critic"].shape == (2, make_env(num_envs=2, steps=1).get_observations()["critic"].shape[1] - 12)

@@ -16,8 +16,9 @@ from benchmarks.verify.held_joint import bench_rig, stand_on_brakes
 from benchmarks.verify.rigs import stance
 from mrwarp.actuator import brake_constraint
 from mrwarp.env.backend import BackendKind, MjBatchBackend
-from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
-from mrwarp.env.sim_model import Scene, SolverCfg, build_scene
+from mrwarp.env.config.sim_cfg import SimCfg, SolverCfg
+from mrwarp.env.sim import ActuatedSim, Sim, robot_scene
+from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.open_stage import ASSETS

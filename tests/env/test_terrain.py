@@ -12,10 +12,11 @@ import warp as wp
 
 from benchmarks.verify.physics import UNSOLVED_SHARE
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg, make_play_cfg
+from mrwarp.env.config.mdp_cfg import TerrainCfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.terminations import DONE, TIME_OUT
-from mrwarp.env.terrain import KINDS, Terrain, TerrainCfg, ground_height, make_field
+from mrwarp.env.terrain import KINDS, Terrain, ground_height, make_field
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import STAND_HEIGHT
 
@@ -41,9 +42,9 @@ def heights(terrain: Terrain, points: np.ndarray) -> np.ndarray:
     return found.numpy()
 
 
-def rough_cfg(num_envs: int, **changes: object) -> EnvCfg:
+def rough_cfg(num_envs: int, **changes: object) -> TaskCfg:
     """The training task on the field, with changes."""
-    return replace(make_walk_cfg(num_envs=num_envs, terrain="rough", seed=3), **changes)
+    return replace(TaskCfg(num_envs=num_envs, terrain="rough", seed=3), **changes)
 
 
 def test_field_is_flat_at_level_zero_and_at_every_edge_and_as_steep_as_configured() -> None:
@@ -206,7 +207,7 @@ def test_training_on_the_field_resumes_to_the_bit() -> None:
 
 def test_flat_ground_has_no_terrain_in_its_state() -> None:
     """Flat training is what it was: no field, no state of it, no draws for it."""
-    env = WalkEnv(make_walk_cfg(num_envs=2))
+    env = WalkEnv(TaskCfg(num_envs=2))
     assert env.terrain is None and not any(name.startswith("terrain/") for name in env.state())
     assert not env.arrays.ground.any() and not env.arrays.foot_ground.any()
 
@@ -220,7 +221,7 @@ def test_both_engines_let_a_robot_stand_on_steps() -> None:
     """
     heights = []
     for backend in (BackendKind.MJBATCH, BackendKind.MJWARP):
-        cfg = make_play_cfg(make_walk_cfg(num_envs=6, terrain="rough", backend=backend))
+        cfg = make_play_cfg(TaskCfg(num_envs=6, terrain="rough", backend=backend))
         env = WalkEnv(replace(cfg, terrain=TerrainCfg(levels=2, curriculum=False)))
         for _ in range(25):
             env.step(torch.zeros(6, 12))
@@ -239,4 +240,4 @@ def test_terrain_refuses_what_does_not_fit() -> None:
     with pytest.raises(ValueError, match=r"tile = 2\.0 m must be at least four times platform"):
         TerrainCfg(tile=2.0)
     with pytest.raises(ValueError, match=r"terrain = 'hilly' is unknown; choose from flat, rough"):
-        make_walk_cfg(terrain="hilly")
+        TaskCfg(terrain="hilly")

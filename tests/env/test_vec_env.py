@@ -246,7 +246,7 @@ def test_a_broken_state_ends_the_episode_and_stays_alone(
 @pytest.mark.parametrize(("robot", "model"), [("go1", "bouc_wen"), ("mr_go", "none")])
 def test_robots_without_devices_are_environments_too(robot: str, model: str) -> None:
     """``go1`` and ``actuator none`` keep the contract, without device columns in the critic."""
-    env = WalkEnv(make_cfg(4, robot=robot, actuator_model=model))
+    env = WalkEnv(make_cfg(4, robot=robot, actuator=model))
     for action in random_actions(5, 4):
         obs, reward, _, _ = env.step(action)
     assert obs["actor"].shape == (4, 47) and obs["critic"].shape == (4, 70)

@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from mrwarp.enums import Coupling
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import launch
 from tests.env.env_bench import assert_same_state, assert_same_step, make_cfg, random_actions
 
 TASKS = {
     "devices": {},
-    "no devices": {"actuator_model": "none"},
+    "no devices": {"actuator": "none"},
     "rough ground, explicit": {"coupling": Coupling.EXPLICIT, "terrain": "rough"},
 }
 
@@ -53,7 +53,7 @@ def test_a_gpus_threads_give_the_bits_of_one_thread(changes: dict, monkeypatch: 
     envs = []
     for gpu_layout in (False, True):
         monkeypatch.setattr(launch, "GPU_LAYOUT", gpu_layout)
-        envs.append(WalkEnv(replace(make_walk_cfg(num_envs=6, seed=8, **changes), episode_seconds=0.5)))
+        envs.append(WalkEnv(replace(TaskCfg(num_envs=6, seed=8, **changes), episode_seconds=0.5)))
     ended = 0
     for step, action in enumerate(random_actions(40, 6, scale=1.0)):
         for env in envs:
@@ -97,7 +97,7 @@ def test_state_goes_on_on_a_gpu() -> None:
     Not to the bit: MuJoCo-Warp's constraint rows stand in the order in which threads found them.
     """
     cfg = make_cfg(64, seed=7, episode_seconds=0.7)
-    cfg = replace(cfg, sim=replace(cfg.sim, device="cuda:0"))
+    cfg = replace(cfg, device="cuda:0")
     env, other = WalkEnv(cfg), WalkEnv(cfg)
     actions = [action.to(env.device) for action in random_actions(37, 64, scale=0.3)]
     for action in actions[:20]:
@@ -231,7 +231,7 @@ def test_captured_graphs_give_the_bits_of_eager_launches() -> None:
     found = []
     for wanted in (True, False):
         cfg = make_cfg(6, seed=3)
-        env = WalkEnv(replace(cfg, sim=replace(cfg.sim, capture=wanted), episode_seconds=0.2))
+        env = WalkEnv(replace(cfg, capture=wanted, episode_seconds=0.2))
         rows, ended = [], 0
         for actions in random_actions(25, 6):
             obs, reward, done, _ = env.step(actions)
@@ -249,7 +249,7 @@ def test_a_captured_control_step_on_a_gpu_is_that_of_eager_launches() -> None:
     found = []
     for wanted in (True, False):
         cfg = make_cfg(64, seed=3)
-        env = WalkEnv(replace(cfg, sim=replace(cfg.sim, device="cuda:0", capture=wanted), episode_seconds=0.06))
+        env = WalkEnv(replace(cfg, device="cuda:0", capture=wanted, episode_seconds=0.06))
         steps = [env.step(actions.to(env.device)) for actions in random_actions(5, 64, scale=0.3)]
         assert sum(int(step[2].sum()) for step in steps) >= 64
         found.append(torch.stack([torch.cat([obs["critic"], reward[:, None]], dim=1) for obs, reward, _, _ in steps]))

@@ -5,23 +5,16 @@ from pathlib import Path
 from mrwarp.bench.virtual_bench import BenchCfg
 from mrwarp.commands.run_bench import Bench
 from mrwarp.commands.run_fit import Learn
-from mrwarp.commands.run_train import Train
 from mrwarp.enums import LEARNED
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.training import FitCfg
 from mrwarp.options.option_types import CURRENTS
-from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.usd.robot import CURRENT_GROUPS
 from paper.commands.run_reproduce import Reproduce, TrainFigure4
 from paper.commands.run_study import StudyTrain
 from paper.reproduce.settings import Settings
 from paper.study import plan
 from paper.study.plan import StudyCfg
-
-
-def test_learning() -> None:
-    """How fast networks learn."""
-    assert Train().learning() == LearningCfg()
 
 
 def test_study() -> None:

@@ -84,7 +84,7 @@ def test_a_folder_in_the_place_of_a_model(tmp_path: Path, capsys: pytest.Capture
     ("option", "content", "text"),
     [
         ("train --resume", b'{"electrical": {}}', "is a numbers.json of the energy model, no checkpoint"),
-        ("train --actuator mlp --actuator-model", b"PAR1....", "is a recording in Parquet, no network"),
+        ("train --actuator mlp --actuator-file", b"PAR1....", "is a recording in Parquet, no network"),
         ("impact --policy", b"#usda 1.0", "is a USD file, no policy"),
         ("robot show", b'{"q": "deg"}', "is neither mr_go"),
         ("robot fit-device --joint a", b'{"q": "deg"}', "is the units.json of a recording, no robot"),

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from mrwarp.enums import CurrentCommand
-from mrwarp.env.cfg import make_play_cfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg, make_play_cfg
 from mrwarp.env.gait import legs_of
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl.mirror import Mirror, NoMirrorError, SignedPermutation, _joints, _twins, mirror_of
@@ -56,7 +56,7 @@ def mirrored_pair(env: WalkEnv, mirror: Mirror) -> None:
 @pytest.mark.parametrize("robot", ["mr_go", "go1"])
 def test_the_mirrored_robot_makes_the_mirrored_motion(robot: str) -> None:
     """Mirrored actions from the stance give mirrored observations of actor and critic, by the physics itself."""
-    cfg = make_walk_cfg(num_envs=2, robot=robot, actuator_model="none" if robot == "go1" else "bouc_wen")
+    cfg = TaskCfg(num_envs=2, robot=robot, actuator="none" if robot == "go1" else "bouc_wen")
     env = WalkEnv(make_play_cfg(cfg), edit=even_masses)
     mirror = mirror_of(env)
     env.current_e.fill_(1.0)
@@ -75,7 +75,7 @@ def test_the_mirrored_robot_makes_the_mirrored_motion(robot: str) -> None:
 
 def test_the_mirror_is_its_own_inverse_and_covers_commanded_coils() -> None:
     """Of every robot's observation and action; a policy that commands coils mirrors their currents too."""
-    env = WalkEnv(replace(make_walk_cfg(num_envs=1), current=CurrentCommand.LEARNED))
+    env = WalkEnv(replace(TaskCfg(num_envs=1), current_by=CurrentCommand.LEARNED))
     mirror = mirror_of(env)
     assert len(mirror.action.index) == 16 and list(mirror.action.index[12:]) == [13, 12, 15, 14]
     for part in (mirror.actor, mirror.critic, mirror.action):
@@ -85,7 +85,7 @@ def test_the_mirror_is_its_own_inverse_and_covers_commanded_coils() -> None:
 
 def test_a_robot_without_a_mirror_image_is_refused() -> None:
     """A leg without a twin, and a joint whose axis or neutral angle is not the mirrored one."""
-    env = WalkEnv(make_walk_cfg(num_envs=1))
+    env = WalkEnv(TaskCfg(num_envs=1))
     legs = legs_of(env.sim.scene)
     feet, axes, columns = (np.array(values.numpy()) for values in (legs.feet, legs.axes, legs.columns))
     names, neutral = env.layout.joints, np.array(env.layout.default_q)

@@ -15,14 +15,14 @@ from onnx import TensorProto, helper, numpy_helper
 from rsl_rl.algorithms import PPO
 from tensordict import TensorDict
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.observations import actor_terms
 from mrwarp.resources import META
-from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError, export_onnx
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
+from mrwarp.rl.task_record import record
 
-TASK = task(make_walk_cfg(seed=3))
+TASK = record(TaskCfg(seed=3))
 
 
 def observations(count: int, seed: int, scale: float = 1.0) -> TensorDict:

@@ -11,13 +11,14 @@ import torch
 from rsl_rl.algorithms import PPO
 from tensordict import TensorDict
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.rl import checkpoint, ppo, trainer
 from mrwarp.rl import progress as curves
 from mrwarp.rl.checkpoint import CheckpointError
-from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, LearningCfg, make_ppo_cfg
+from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, PpoCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks, RanksPPO
-from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer, TrainingError
 from mrwarp.runtime import silent
 from mrwarp.trials.walking import GateCheck, WalkingGate
 from tests.rl.test_trainer import assert_same_bits
@@ -43,9 +44,11 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def make_cfg(out: Path, iterations: int) -> TrainCfg:
     """A run of a few updates."""
-    env = replace(make_walk_cfg(num_envs=ENVS, threads=1), episode_seconds=1.0)
+    env = replace(TaskCfg(num_envs=ENVS, threads=1), episode_seconds=1.0)
     return TrainCfg(
-        env=env, out=out, seed=3, iterations=iterations, until_gate=False, learning=LearningCfg(symmetry=False)
+        task=replace(env, seed=3),
+        ppo=PpoCfg(symmetry=False),
+        run=RunCfg(out=out, iterations=iterations, no_gate=True),
     )
 
 

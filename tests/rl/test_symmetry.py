@@ -9,13 +9,14 @@ import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.rl import trainer as trainer_module
 from mrwarp.rl.mirror import SignedPermutation, mirror_of
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.rl.symmetry import SymmetricNetwork
-from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer
 
 UNITS = 128
 """Terms of the longest sum in a layer: two sums of n terms in another order differ by up to n machine epsilons of the
@@ -35,8 +36,8 @@ def outputs(model: MLPModel, inputs: torch.Tensor) -> torch.Tensor:
 
 def make_trainer(out: Path, *, symmetry: bool = True) -> Trainer:
     """A short training with 8 robots."""
-    learning = LearningCfg(symmetry=symmetry)
-    return Trainer(TrainCfg(env=make_walk_cfg(num_envs=8), out=out, iterations=3, learning=learning))
+    learning = PpoCfg(symmetry=symmetry)
+    return Trainer(TrainCfg(task=TaskCfg(num_envs=8), ppo=learning, run=RunCfg(out=out, iterations=3)))
 
 
 @pytest.mark.usefixtures("short_gate")
@@ -106,13 +107,13 @@ def test_a_robot_without_a_mirror_is_trained_without_and_says_so(
 @pytest.mark.usefixtures("short_gate")
 def test_an_asymmetric_policy_is_not_averaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A training that begins with one keeps its actor and says why; one that begins with a symmetric one stays so."""
-    cfg = TrainCfg(env=make_walk_cfg(num_envs=8), out=tmp_path / "on", iterations=1)
+    cfg = TrainCfg(task=TaskCfg(num_envs=8), run=RunCfg(out=tmp_path / "on", iterations=1))
     old = OnnxPolicy(DEFAULT_POLICY)
     run = Trainer(cfg, start_from=DEFAULT_POLICY)
     assert "without left-right symmetry (the policy that it begins with has none)" in capsys.readouterr().out
     seen = run.env.get_observations()["actor"]
     assert torch.allclose(outputs(run.algorithm.actor, seen), old(seen), atol=1e-4)
-    Trainer(TrainCfg(env=make_walk_cfg(num_envs=8), out=tmp_path / "first", iterations=1)).run()
+    Trainer(TrainCfg(task=TaskCfg(num_envs=8), run=RunCfg(out=tmp_path / "first", iterations=1))).run()
     second = Trainer(cfg, start_from=tmp_path / "first" / "checkpoint.pt")
     assert second.algorithm.symmetric_of(second.algorithm.actor) is not None
 
@@ -120,11 +121,12 @@ def test_an_asymmetric_policy_is_not_averaged(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.usefixtures("short_gate")
 def test_a_symmetric_training_goes_on_to_the_bit(tmp_path: Path) -> None:
     """Four updates at once, and two and two from the checkpoint, give the same policy."""
-    cfg = TrainCfg(env=make_walk_cfg(num_envs=8), out=tmp_path / "whole", iterations=4)
+    cfg = TrainCfg(task=TaskCfg(num_envs=8), run=RunCfg(out=tmp_path / "whole", iterations=4))
     Trainer(cfg).run()
-    first = Trainer(replace(cfg, out=tmp_path / "parts", iterations=2))
+    first = Trainer(replace(cfg, run=RunCfg(out=tmp_path / "parts", iterations=2)))
     first.run()
-    second = Trainer(replace(cfg, out=tmp_path / "parts"), resume=tmp_path / "parts" / "checkpoint.pt")
+    again = replace(cfg, run=RunCfg(out=tmp_path / "parts", iterations=4))
+    second = Trainer(again, resume=tmp_path / "parts" / "checkpoint.pt")
     second.run()
     for own, other in zip(second.algorithm.actor.parameters(), _actor(cfg).parameters(), strict=True):
         assert torch.equal(own, other)
@@ -132,7 +134,7 @@ def test_a_symmetric_training_goes_on_to_the_bit(tmp_path: Path) -> None:
 
 def _actor(cfg: TrainCfg) -> MLPModel:
     """The actor of a finished training."""
-    return Trainer(cfg, resume=cfg.out / "checkpoint.pt").algorithm.actor
+    return Trainer(cfg, resume=cfg.run.out / "checkpoint.pt").algorithm.actor
 
 
 def _plain(inputs: int, outputs_: int, hidden: int = 8) -> MLPModel:

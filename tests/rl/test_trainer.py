@@ -4,23 +4,26 @@ import json
 import math
 import signal
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.options.plain_values import plain
 from mrwarp.rl import checkpoint, trainer
 from mrwarp.rl import progress as curves
-from mrwarp.rl.checkpoint import CheckpointError, learned, task
+from mrwarp.rl.checkpoint import CheckpointError, ppo_of
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.ppo_cfg import PpoCfg
+from mrwarp.rl.task_record import record
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer
 from mrwarp.trials.walking import GateCheck, WalkingGate
 
-ENV = make_walk_cfg(num_envs=8)
+ENV = TaskCfg(num_envs=8)
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
 
 
@@ -34,12 +37,16 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 def make_cfg(out: Path, iterations: int, **changes: Any) -> TrainCfg:
     """A run of a few updates with 8 environments, episodes of which end by time-out and fall."""
     env = replace(ENV, episode_seconds=1.0)
-    return replace(TrainCfg(env=env, out=out, seed=3, iterations=iterations, until_gate=False), **changes)
+    run = RunCfg(out=out, iterations=iterations, no_gate=True)
+    names = {each.name for each in fields(RunCfg)}
+    run = replace(run, **{name: value for name, value in changes.items() if name in names})
+    task = replace(changes.get("task", env), seed=changes.get("seed", 3))
+    return TrainCfg(task=task, ppo=changes.get("ppo", PpoCfg()), run=run)
 
 
 def content(run: Trainer) -> dict[str, Any]:
     """The run's last checkpoint."""
-    return checkpoint.load(run.cfg.out / "checkpoint.pt")
+    return checkpoint.load(run.cfg.run.out / "checkpoint.pt")
 
 
 def assert_same_bits(found: Any, expected: Any, where: str = "") -> None:
@@ -91,11 +98,11 @@ def test_resume_equals_an_uninterrupted_run(tmp_path: Path) -> None:
 def test_resume_on_a_gpu(tmp_path: Path) -> None:
     """The saved state is loaded to the bit, by another object on the GPU, which trains on."""
     env = replace(ENV, episode_seconds=1.0)
-    env = replace(env, sim=replace(env.sim, device="cuda:0", num_envs=64))
-    first = Trainer(make_cfg(tmp_path, 2, env=env))
+    env = replace(env, device="cuda:0", num_envs=64)
+    first = Trainer(make_cfg(tmp_path, 2, task=env))
     first.run()
     torch.rand(17, device="cuda:0")  # random draws in between
-    resumed = Trainer(make_cfg(tmp_path, 4, env=env), resume=tmp_path / "checkpoint.pt")
+    resumed = Trainer(make_cfg(tmp_path, 4, task=env), resume=tmp_path / "checkpoint.pt")
     before = content(first)
     resumed.save()
     for name in ("algorithm", "learning_rate", "torch_rng", "env"):
@@ -132,28 +139,28 @@ def test_training_changes_the_policy_and_stays_finite(tmp_path: Path) -> None:
 
 
 CHANGES: dict[str, tuple[Callable[[TrainCfg], TrainCfg], str]] = {
-    "num_envs": (lambda c: replace(c, env=replace(c.env, sim=replace(c.env.sim, num_envs=4))), "num_envs = 8.* has 4"),
-    "robot": (lambda c: replace(c, env=replace(c.env, robot="go1")), "robot = 'mr_go'.* has 'go1'"),
-    "payload": (lambda c: replace(c, env=replace(c.env, payload=3)), "payload = 0.* has 3"),
-    "sal": (lambda c: replace(c, env=replace(c.env, actuator=replace(c.env.actuator, sal=False))), "sal = True"),
-    "seed": (lambda c: replace(c, seed=4), "seed = 3.* has 4"),
-    "desired_kl": (lambda c: replace(c, learning=LearningCfg(desired_kl=0.01)), "desired_kl = 0.04.* has 0.01"),
-    "entropy": (lambda c: replace(c, learning=LearningCfg(entropy=0.0)), "entropy = 0.003.* has 0.0"),
-    "symmetry": (lambda c: replace(c, learning=LearningCfg(symmetry=False)), "symmetry = True.* has False"),
+    "num_envs": (lambda c: replace(c, task=replace(c.task, num_envs=4)), "num_envs = 8.* has 4"),
+    "robot": (lambda c: replace(c, task=replace(c.task, robot="go1")), "robot = 'mr_go'.* has 'go1'"),
+    "payload": (lambda c: replace(c, task=replace(c.task, payload=3)), "payload = 0.* has 3"),
+    "sal": (lambda c: replace(c, task=replace(c.task, sal=False)), "sal = True"),
+    "seed": (lambda c: replace(c, task=replace(c.task, seed=4)), "seed = 3.* has 4"),
+    "desired_kl": (lambda c: replace(c, ppo=PpoCfg(desired_kl=0.01)), "desired_kl = 0.04.* has 0.01"),
+    "entropy": (lambda c: replace(c, ppo=PpoCfg(entropy=0.0)), "entropy = 0.003.* has 0.0"),
+    "symmetry": (lambda c: replace(c, ppo=PpoCfg(symmetry=False)), "symmetry = True.* has False"),
 }
 
 
 def test_networks_learn_as_fast_as_asked(tmp_path: Path) -> None:
     """Step and exploration reach the algorithm; checkpoint and result record them; values without sense are refused."""
-    run = Trainer(replace(make_cfg(tmp_path, 1), learning=LearningCfg(desired_kl=0.01, entropy=0.0005)))
+    run = Trainer(replace(make_cfg(tmp_path, 1), ppo=PpoCfg(desired_kl=0.01, entropy=0.0005)))
     assert (run.algorithm.desired_kl, run.algorithm.entropy_coef) == (0.01, 0.0005)
     asked = {"desired_kl": 0.01, "entropy": 0.0005, "symmetry": True}
     assert run.run()["learning"] == checkpoint.load(tmp_path / "checkpoint.pt")["learning"] == asked
-    assert learned({"learning": asked}) == asked
-    assert learned({}) == {"desired_kl": 0.04, "entropy": 0.003, "symmetry": False}  # of earlier versions
+    assert plain(ppo_of({"learning": asked})) == asked
+    assert plain(ppo_of({})) == {"desired_kl": 0.04, "entropy": 0.003, "symmetry": False}  # of earlier versions
     for wrong in ({"desired_kl": 0.0}, {"desired_kl": math.inf}, {"entropy": -0.1}, {"entropy": math.nan}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
-            LearningCfg(**wrong)
+            PpoCfg(**wrong)
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +216,7 @@ def test_run_leaves_checkpoint_policy_curve_and_result(finished: Path) -> None:
     assert result["stopped"] == "iterations" and result["gate_passed"] is False
     assert (result["iterations"], result["seed"], result["environment_steps"]) == (1, 3, 24 * 8)
     assert result["command"] == "python train/ppo.py --iterations 1"
-    assert result["task"] == task(make_cfg(finished, 1).env)
+    assert result["task"] == record(make_cfg(finished, 1).task)
     assert set(result["gate"]["conditions"]) == {"never_fell", "rmse", "height", "frequency", "clock_match"}
     assert {"v_x_rmse", "reward", "falls_per_hour", "clock_match", "learning_rate"} <= set(result["training"])
     assert {"python", "torch", "mujoco", "warp-lang", "newton", "rsl-rl-lib"} <= set(result["versions"])
@@ -223,7 +230,7 @@ def test_exported_policy_is_the_trained_actor(tmp_path: Path) -> None:
     with torch.no_grad():
         expected = run.algorithm.get_policy()(run.obs)
     torch.testing.assert_close(exported(run.obs), expected, rtol=1e-5, atol=1e-5)
-    assert exported.description["task"] == task(run.cfg.env)
+    assert exported.description["task"] == record(run.cfg.task)
 
 
 def verdict(passed: bool) -> dict[str, Any]:
@@ -249,7 +256,7 @@ def test_training_stops_when_the_gate_is_met(tmp_path: Path, monkeypatch: pytest
     """The first passing check ends the run and is not repeated; the result says so."""
     gate = ScriptedGate([False, True])
     monkeypatch.setattr(trainer, "GateCheck", lambda _: gate)
-    cfg = make_cfg(tmp_path, 5, until_gate=True, check_every=0.0, check_below=1e9)
+    cfg = make_cfg(tmp_path, 5, no_gate=False, check_every=0.0, check_below=1e9)
     result = Trainer(cfg).run()
     assert (result["stopped"], result["gate_passed"], result["iterations"]) == ("gate", True, 2)
     assert gate.left == []

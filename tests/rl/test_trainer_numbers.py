@@ -13,11 +13,12 @@ import torch
 from mrwarp import run_dir as folder
 from mrwarp.cli import main
 from mrwarp.env import nan_dump
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.rl import checkpoint, trainer
 from mrwarp.rl import progress as curves
 from mrwarp.rl.progress import not_finite
-from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer, TrainingError
 from mrwarp.run_dir import FolderError
 from mrwarp.trials.walking import GateCheck, WalkingGate
 
@@ -35,8 +36,9 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 def make_trainer(out: Path, *, iterations: int = 2, **changes: Any) -> Trainer:
     """A run of a few updates with 8 environments."""
-    env = replace(make_walk_cfg(num_envs=8), episode_seconds=1.0)
-    return Trainer(replace(TrainCfg(env=env, out=out, seed=3, iterations=iterations, until_gate=False), **changes))
+    env = replace(TaskCfg(num_envs=8), episode_seconds=1.0)
+    run = RunCfg(out=out, iterations=iterations, no_gate=True)
+    return Trainer(TrainCfg(task=replace(env, seed=3), run=replace(run, **changes)))
 
 
 def corrupt(run: Trainer, envs: list[int], step: int) -> None:

@@ -10,12 +10,13 @@ import pytest
 import torch
 
 from mrwarp.cli import main
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.rl import checkpoint, warm_start
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
-from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.ppo_cfg import PpoCfg
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer
 from mrwarp.rl.warm_start import CRITIC_FIRST, NOISE, critic_learns_alone
 
 pytestmark = pytest.mark.usefixtures("short_gate")
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("short_gate")
 
 def make_cfg(out: Path, iterations: int = 1, **env: Any) -> TrainCfg:
     """A run of a few updates with 4 robots."""
-    return TrainCfg(env=make_walk_cfg(num_envs=4, **env), out=out, seed=5, iterations=iterations, until_gate=False)
+    return TrainCfg(task=TaskCfg(num_envs=4, seed=5, **env), run=RunCfg(out=out, iterations=iterations, no_gate=True))
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +45,8 @@ def networks(run: Trainer) -> dict[str, dict[str, torch.Tensor]]:
 def test_networks_and_normalisers_are_taken_over_and_the_rest_is_new(flat: Path, tmp_path: Path) -> None:
     """A robot with a load begins with the other's networks, and else as a run of its own: update 0, own draws."""
     run = Trainer(make_cfg(tmp_path / "loaded", payload=3), start_from=flat)
-    plain = LearningCfg(symmetry=False)  # the shipped policy is not symmetric
-    fresh = Trainer(replace(make_cfg(tmp_path / "fresh", payload=3), learning=plain))
+    plain = PpoCfg(symmetry=False)  # the shipped policy is not symmetric
+    fresh = Trainer(replace(make_cfg(tmp_path / "fresh", payload=3), ppo=plain))
     saved, own, drawn = checkpoint.load(flat), networks(run), networks(fresh)
     for name in ("actor", "critic"):
         expected = saved["algorithm"][f"{name}_state_dict"]
@@ -67,7 +68,7 @@ def test_the_origin_stands_in_result_policy_and_checkpoint_also_after_a_resume(f
     origin = Trainer(cfg, start_from=flat).run()["started_from"]
     assert (origin["file"], origin["iteration"], origin["seed"]) == (str(flat), 2, 5)
     assert origin["task"]["payload"] == 0
-    Trainer(replace(cfg, iterations=2), resume=out / "checkpoint.pt").run()
+    Trainer(replace(cfg, run=replace(cfg.run, iterations=2)), resume=out / "checkpoint.pt").run()
     result = json.loads((out / "result.json").read_text())
     assert (result["iterations"], result["task"]["payload"], result["started_from"]) == (2, 3, origin)
     assert OnnxPolicy(out / "policy.onnx").description["started_from"] == origin
@@ -97,8 +98,8 @@ def broken(flat: Path, folder: Path, what: str) -> Path:
 
 def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Path) -> None:
     """From the shipped policy: its actions to rounding, its statistics with their weight, little noise, no critic."""
-    plain = LearningCfg(symmetry=False)  # the shipped policy is not symmetric
-    fresh = Trainer(replace(make_cfg(tmp_path / "fresh", payload=3), learning=plain))
+    plain = PpoCfg(symmetry=False)  # the shipped policy is not symmetric
+    fresh = Trainer(replace(make_cfg(tmp_path / "fresh", payload=3), ppo=plain))
     run = Trainer(make_cfg(tmp_path / "out", payload=3), start_from=DEFAULT_POLICY)
     policy, actor = OnnxPolicy(DEFAULT_POLICY), run.algorithm.actor
     with torch.no_grad():

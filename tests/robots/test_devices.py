@@ -10,7 +10,7 @@ import torch
 import warp as wp
 
 from mrwarp.cli import main
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
@@ -91,7 +91,7 @@ def test_several_kinds_at_once_and_a_joint_without_a_foot(robot) -> None:  # noq
     file = imported(robot(tail=ARM), "--torque-limit", "*=30", "--kd", "shoulder=5")
     assert main(["robot", "fit-device", file, "--joint", "*_pitch", "--scale", "0.5"]) == 0
     assert main(["robot", "fit-device", file, "--joint", "shoulder", "--scale", "2"]) == 0
-    env = WalkEnv(make_walk_cfg(num_envs=2, robot=file, randomize="none"))
+    env = WalkEnv(TaskCfg(num_envs=2, robot=file, randomize="none"))
     env.current_e.fill_(1.5)
     legs = env.sim.scene.legs
     slots = [legs[joint] for joint in env.actuator.mr_joints]
@@ -112,7 +112,7 @@ def test_several_kinds_at_once_and_a_joint_without_a_foot(robot) -> None:  # noq
 
 def test_a_robot_without_devices_steps(plain: Callable[[], str]) -> None:
     """A plain robot is one."""
-    env = WalkEnv(make_walk_cfg(num_envs=2, robot=plain()))
+    env = WalkEnv(TaskCfg(num_envs=2, robot=plain()))
     _, reward, _, _ = env.step(torch.zeros(2, env.num_actions))
     assert not env.actuator.mr_joints and bool(torch.isfinite(reward).all())
 

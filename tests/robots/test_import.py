@@ -13,8 +13,9 @@ import warp as wp
 
 from mrwarp.cli import main
 from mrwarp.env import gait
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.natural_units import in_natural_units, scales
+from mrwarp.env.rewards import weight
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
@@ -116,7 +117,7 @@ def test_other_numbers_of_legs_step(robot, places, phases) -> None:  # noqa: ANN
     """Six legs have a tripod, two alternate; sizes of actions and observations follow."""
     asset = imported(robot(places))
     assert [leg.phase for leg in asset.layout.legs] == phases
-    env = WalkEnv(make_walk_cfg(num_envs=2, robot=str(asset.path)))
+    env = WalkEnv(TaskCfg(num_envs=2, robot=str(asset.path)))
     assert env.num_actions == 3 * len(places)
     assert env.cfg.fall_cost == (1.0 if len(places) == 2 else 0.0)
     obs, reward, _, _ = env.step(torch.zeros(2, env.num_actions))
@@ -125,19 +126,19 @@ def test_other_numbers_of_legs_step(robot, places, phases) -> None:  # noqa: ANN
 
 def test_the_task_scales_with_the_robot(beast: RobotAsset) -> None:
     """Lengths by the stance, times by its root, torques by mass times length; the shipped robot's task is untouched."""
-    scene, cfg = robot_scene(beast), make_walk_cfg()
+    scene, cfg = robot_scene(beast), TaskCfg()
     by, scaled = scales(scene), in_natural_units(cfg, scene)
     length = scene.stand_height / STAND_HEIGHT
     assert by.length == length and by.mass == pytest.approx((8.0 + 4 * 2.1) / 12.6, rel=1e-6)
     assert scaled.gait_frequency == pytest.approx(cfg.gait_frequency / length**0.5)
     assert scaled.commands.v_x[1] == pytest.approx(cfg.commands.v_x[1] * length**0.5)
-    assert scaled.rewards.weight("effort") == pytest.approx(cfg.rewards.weight("effort") / (by.mass * length) ** 2)
+    assert weight(scaled.rewards, "effort") == pytest.approx(weight(cfg.rewards, "effort") / (by.mass * length) ** 2)
     assert in_natural_units(cfg, robot_scene()) is cfg
 
 
 def test_power_has_its_price_with_the_robots_own_motors(beast: RobotAsset) -> None:
     """Motors of 30 N·m lose there what Go1's do at 23.7, times the robot's power; their work is as it is."""
-    env = WalkEnv(replace(make_walk_cfg(num_envs=4, robot=str(beast.path)), decimation=1))
+    env = WalkEnv(replace(TaskCfg(num_envs=4, robot=str(beast.path)), decimation=1))
     factor = env.scales.power * 1.5 * 0.128 / 0.639**2 * (23.7 / 30.0) ** 2
     env.step(torch.full((4, 12), 0.5))
     tau, qd = env.view(env.actuator.tau_motor), env.qd  # one torque step, after which the ledger counts
@@ -157,7 +158,7 @@ def test_devices_go_onto_any_joint_and_off_again(beast: RobotAsset, capsys: pyte
     assert (device.motor.kp_base, device.motor.tau_limit) == (45.0, 30.0)
     assert device.bouc_wen.q_neutral == beast.layout.neutral["leg_a_knee"]
     assert device.bouc_wen.K1 == MrParams().bouc_wen.K1
-    env = WalkEnv(make_walk_cfg(num_envs=2, robot=other))
+    env = WalkEnv(TaskCfg(num_envs=2, robot=other))
     assert len(env.actuator.mr_joints) == 5
     env.step(torch.zeros(2, 12))
     assert main(["robot", "fit-device", other, "--joint", "*", "--remove"]) == 0

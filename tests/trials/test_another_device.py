@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit, save_model
 from mrwarp.params import MrParams
@@ -32,8 +32,8 @@ def small_brake(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_shipped_robot_has_the_papers_device() -> None:
     """No note, for any robot of the task; a lag as an effect makes it another."""
-    devices = task_devices(make_walk_cfg())
-    assert len(devices) == 4 and foreign_device(devices) == "" and not list(device_notes(make_walk_cfg(), 1.5))
+    devices = task_devices(TaskCfg())
+    assert len(devices) == 4 and foreign_device(devices) == "" and not list(device_notes(TaskCfg(), 1.5))
     assert devices[1].mr is not None
     other = replace(devices[1], mr=devices[1].mr.replace(T_max=9.0))
     assert "FR_calf is not the paper's device (T_max 9 instead of 26.6)" in foreign_device([devices[0], other])
@@ -58,8 +58,8 @@ def test_effects_make_another_device(small_brake: Path) -> None:
     origin = FittedOn(source="bench", trajectories=1, samples=1, rate=200.0)
     plain = Model(parameters=parameters, fitted_on=origin, effects=())
     lagging = replace(plain, effects=(make_effect("coil_lag", {"time_constant": 0.02}),))
-    assert foreign_device(task_devices(make_walk_cfg(model=plain))) == ""
-    assert "its effects" in foreign_device(task_devices(make_walk_cfg(model=lagging)))
+    assert foreign_device(task_devices(TaskCfg(model=plain))) == ""
+    assert "its effects" in foreign_device(task_devices(TaskCfg(model=lagging)))
 
 
 def test_walk_sets_nothing_of_the_paper_beside_it(
@@ -128,19 +128,19 @@ def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytes
 
 def test_training_groups_are_shares_of_what_the_device_takes(small_brake: Path) -> None:
     """Eq. 20's four groups stay four: of 1 A, and of a brake that takes more than the paper's; hers as they are."""
-    env = WalkEnv(make_walk_cfg(num_envs=8, model=str(small_brake), randomize="none"))
+    env = WalkEnv(TaskCfg(num_envs=8, model=str(small_brake), randomize="none"))
     assert env.current_e.tolist() == pytest.approx([0.0, 0.0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1.0, 1.0])
     assert env.cfg.currents == pytest.approx((0.0, 1 / 3, 2 / 3, 1.0))
-    assert CURRENT_GROUPS.of(most_current(task_devices(make_walk_cfg()))) == (0.0, 0.5, 1.0, 1.5)
+    assert CURRENT_GROUPS.of(most_current(task_devices(TaskCfg()))) == (0.0, 0.5, 1.0, 1.5)
     assert CURRENT_GROUPS.of(3.0) == pytest.approx((0.0, 1.0, 2.0, 3.0))
     assert all(CURRENT_GROUPS.of(most)[-1] == most for most in (k / 10 for k in range(1, 31)))  # no more by rounding
-    asked = replace(make_walk_cfg(num_envs=2, model=str(small_brake), randomize="none"), currents=(0.0, 0.4))
+    asked = replace(TaskCfg(num_envs=2, model=str(small_brake), randomize="none"), currents=(0.0, 0.4))
     assert WalkEnv(asked).current_e.tolist() == pytest.approx([0.0, 0.4])
 
 
 def test_a_walk_lists_currents_that_flow(small_brake: Path) -> None:
     """Thirds of what the devices take, where 1.5 A are asked for; a note names both."""
-    devices = task_devices(make_walk_cfg(model=str(small_brake)))
+    devices = task_devices(TaskCfg(model=str(small_brake)))
     assert own_robot.currents_of(devices, 1.5) == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
     assert own_robot.currents_of(devices, 0.6) == pytest.approx([0.0, 0.2, 0.4, 0.6])
     assert list(limit_note(devices, 1.5)) == ["note: requested 1.5 A, limited to the devices' 1 A"]

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from mrwarp.cli import main
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.params import ParameterError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.falling_mass import MassCfg
@@ -25,8 +25,8 @@ SCALARS = "Scalars:scalars"
 
 def make_cfg(**changes) -> ImpactCfg:
     """A small sweep: two trials, three currents, damping branch alone."""
-    env = make_walk_cfg()
-    env = replace(env, actuator=replace(env.actuator, holding=False))
+    env = TaskCfg()
+    env = replace(env, holding=False)
     variants = tuple(Variant(current=current) for current in (0.0, 0.0, 1.5))
     return ImpactCfg(**{"variants": variants, "trials": 2, "warmup": 1.0, "window": 0.4, "env": env, **changes})
 

@@ -11,7 +11,7 @@ from mrwarp import paper
 from mrwarp.cli import main
 from mrwarp.energy import model_numbers
 from mrwarp.energy.power import ElectricalCfg
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.kernels import ledger
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials import walk_figures
@@ -19,7 +19,7 @@ from mrwarp.trials.power_meter import PowerMeter
 from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, robot_env, standing_load, walk
 from mrwarp.trials.walking import make_env, set_payload
 
-ENV = make_walk_cfg(threads=1)
+ENV = TaskCfg(threads=1)
 SHORT = WalkCfg(payloads=(0.0,), speeds=(0.5,), trials=2, distance=0.6, warmup=0.6, env=ENV)
 
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.trials.walking import GateCheck, WalkingGate, make_env, measure, stride_frequency
@@ -36,7 +36,7 @@ def trotting_policy(obs: TensorDict) -> torch.Tensor:
 @pytest.mark.gpu
 def test_the_shipped_policy_walks_on_a_gpu() -> None:
     """Trained on the CPU's engine, it meets the whole walking gate on a GPU's."""
-    cfg = make_walk_cfg(num_envs=64, device="cuda:0")
+    cfg = TaskCfg(num_envs=64, device="cuda:0")
     result = GateCheck(cfg)(OnnxPolicy(DEFAULT_POLICY))
     assert result["passed"], result["conditions"]
 
@@ -120,7 +120,7 @@ def test_gate_limits_are_those_of_the_paper() -> None:
 
 def test_gate_env_is_the_nominal_task() -> None:
     """Evaluation has no noise, randomisation or time limit, and both speeds in each of the four current groups."""
-    check = GateCheck(make_walk_cfg(num_envs=4, seed=9))
+    check = GateCheck(TaskCfg(num_envs=4, seed=9))
     env = check.env
     assert env.cfg.noise is None and env.cfg.randomize is None and env.num_envs == 64
     assert env.max_episode_length * env.cfg.step_dt > 1e5
@@ -135,7 +135,7 @@ def test_gate_env_is_the_nominal_task() -> None:
 @pytest.fixture(scope="module")
 def standing() -> tuple[GateCheck, dict[str, Any]]:
     """A small gate and its verdict on a robot that stands still."""
-    check = GateCheck(make_walk_cfg(num_envs=4), gate=SMALL)
+    check = GateCheck(TaskCfg(num_envs=4), gate=SMALL)
     return check, check(zero_policy)
 
 
@@ -167,14 +167,14 @@ def test_gate_measures_the_same_figures_twice(standing: tuple[GateCheck, dict[st
     assert trot != first
     assert check(zero_policy) == first
     assert check(trotting_policy) == trot
-    other = GateCheck(make_walk_cfg(num_envs=4, seed=5), gate=SMALL)
+    other = GateCheck(TaskCfg(num_envs=4, seed=5), gate=SMALL)
     assert other(trotting_policy) == trot  # the training's seed and batch size do not matter
 
 
 def test_gate_depends_on_its_seed() -> None:
     """Other initial poses give other figures."""
     gate = replace(SMALL, warmup=0.0, seconds=0.5)
-    first, other = (GateCheck(make_walk_cfg(num_envs=4), gate=gate, seed=seed)(zero_policy) for seed in (1, 2))
+    first, other = (GateCheck(TaskCfg(num_envs=4), gate=gate, seed=seed)(zero_policy) for seed in (1, 2))
     assert first["height"] != other["height"]
 
 
@@ -185,7 +185,7 @@ def test_open_loop_trot_shows_the_clocks_frequency(standing: tuple[GateCheck, di
     assert found["clock_match"] > standing[1]["clock_match"] + 0.1
 
 
-def rollout(cfg: EnvCfg, policy: Callable[[TensorDict], torch.Tensor]) -> dict[str, Any]:
+def rollout(cfg: TaskCfg, policy: Callable[[TensorDict], torch.Tensor]) -> dict[str, Any]:
     """An independent measurement: 0.2 s of warm-up, 1 s measured, in NumPy."""
     env = make_env(cfg, 8, 3)
     env.set_command(torch.tensor([0.5, 0.0, 0.0]))
@@ -209,7 +209,7 @@ def rollout(cfg: EnvCfg, policy: Callable[[TensorDict], torch.Tensor]) -> dict[s
 
 def test_measure_equals_an_independent_rollout() -> None:
     """Error, height and clock match are those of a plain loop over the same steps, up to float32 means (1e-5)."""
-    cfg = make_walk_cfg(num_envs=4)
+    cfg = TaskCfg(num_envs=4)
     command = torch.tensor([0.5, 0.0, 0.0]).repeat(8, 1)
     found = measure(make_env(cfg, 8, 3), trotting_policy, command, warmup=0.2, seconds=1.0)
     expected = rollout(cfg, trotting_policy)
@@ -224,7 +224,7 @@ def test_measure_counts_a_fall_once() -> None:
     """A policy that folds the legs falls in every environment: none of them never fell, also during the warm-up."""
     folded = torch.zeros(12)
     folded[1::3], folded[2::3] = 8.0, -5.0
-    env = make_env(make_walk_cfg(num_envs=4), 4, 0)
+    env = make_env(TaskCfg(num_envs=4), 4, 0)
     command = torch.tensor([0.3, 0.0, 0.0]).repeat(4, 1)
     script = iter([folded] * 40 + [torch.zeros(12)] * 70)
     found = measure(env, lambda _: next(script).expand(4, 12), command, warmup=2.0, seconds=0.2)
@@ -234,7 +234,7 @@ def test_measure_counts_a_fall_once() -> None:
 
 def test_measure_tells_the_reward_per_second() -> None:
     """The mean over the measured steps and robots, without those of the warm-up."""
-    envs = [make_env(make_walk_cfg(num_envs=2), 2, 0) for _ in range(2)]
+    envs = [make_env(TaskCfg(num_envs=2), 2, 0) for _ in range(2)]
     command = torch.tensor([0.3, 0.0, 0.0]).repeat(2, 1)
     found = measure(envs[0], zero_policy, command, warmup=0.1, seconds=0.2)
     envs[1].set_command(command)
@@ -248,6 +248,6 @@ def test_measure_tells_the_reward_per_second() -> None:
 
 def test_measure_of_a_robot_without_devices() -> None:
     """``go1`` is measured with closed gates and no work of devices."""
-    env = make_env(make_walk_cfg(num_envs=4, robot="go1"), 4, 0)
+    env = make_env(TaskCfg(num_envs=4, robot="go1"), 4, 0)
     found = measure(env, zero_policy, torch.tensor([0.3, 0.0, 0.0]).repeat(4, 1), warmup=0.1, seconds=0.2)
     assert (found["hold_share"], found["dynamic_share"], found["work_mr"], found["injected"]) == (0.0, 0.0, 0.0, 0.0)

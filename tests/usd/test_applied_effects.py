@@ -10,8 +10,9 @@ from pxr import Usd
 
 from mrwarp import cli
 from mrwarp.cli import main
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.sim import SimCfg, robot_scene
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.config.sim_cfg import SimCfg
+from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import build_scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import (
@@ -88,7 +89,7 @@ def test_robot_without_devices_refuses_a_model() -> None:
     """Variant go1, or devices taken away, have no joint for it."""
     with pytest.raises(ModelFileError, match="robot 'go1' has no MR joint"):
         with_model(load_robot(robot="go1"), model())
-    cfg = replace(make_walk_cfg(num_envs=1, actuator_model="none"), model=model(LAG))
+    cfg = replace(TaskCfg(num_envs=1, actuator="none"), model=model(LAG))
     with pytest.raises(ModelFileError, match="leave the model out"):
         WalkEnv(cfg)
 
@@ -123,8 +124,8 @@ def test_effects_reach_the_simulator_through_usd(tmp_path: Path, capsys: pytest.
     assert "effect: rotor_inertia: inertia = 0.004 kg·m²" in said and "effect (does not act): velocity_lag" in said
     asset = load_robot(robot)
     assert all(a.effects == (extended.effects if a.mr else ()) for a in asset.actuators)
-    env = WalkEnv(replace(make_walk_cfg(num_envs=2), asset=str(robot)))
-    twin = WalkEnv(replace(make_walk_cfg(num_envs=2), model=str(path)))
+    env = WalkEnv(replace(TaskCfg(num_envs=2), asset=str(robot)))
+    twin = WalkEnv(replace(TaskCfg(num_envs=2), model=str(path)))
     assert env.actuator.effects is not None
     one, other = env.step(env.action)[0], twin.step(twin.action)[0]
     assert one["critic"].equal(other["critic"])

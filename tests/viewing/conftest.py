@@ -12,7 +12,7 @@ import pytest
 import torch
 from rerun.chunk import RrdReader
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.walking import make_env
 from mrwarp.usd.robot import CURRENT_GROUPS
@@ -33,7 +33,7 @@ class Walk:
 @pytest.fixture(scope="session")
 def walk() -> Walk:
     """Four robots, one per current; random actions first, then the neutral stance, so that all gates occur."""
-    env = make_env(make_walk_cfg(num_envs=4), 4, seed=5)
+    env = make_env(TaskCfg(num_envs=4), 4, seed=5)
     reader = FrameReader(env.robot, range(4))
     generator = torch.Generator().manual_seed(5)
     frames, truth = [], []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.trials.walking import make_env
 from mrwarp.viewing.frames import FrameReader, Frames, Gate
 
@@ -37,7 +37,7 @@ def test_frames_do_not_change_afterwards(walk: Any) -> None:
 
 def test_standing_robot_is_carried_by_its_feet() -> None:
     """At rest the ground pushes the feet up with the robot's weight: m*g within 1 %, and hardly sideways."""
-    env = make_env(make_walk_cfg(num_envs=1), 1, seed=0)
+    env = make_env(TaskCfg(num_envs=1), 1, seed=0)
     for _ in range(200):
         env.step(torch.zeros(1, 12))
     force = FrameReader(env.robot, [0]).read(4.0).foot_force[0, 0].sum(axis=0)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import torch
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.viewing.live_view import LiveTraining
 from tests.viewing.conftest import Recorded
@@ -12,7 +12,7 @@ from tests.viewing.conftest import Recorded
 
 def test_recording_holds_one_robot_per_current(tmp_path: Path) -> None:
     """Four of eight robots are recorded, every second step, with the height the environment has."""
-    env = WalkEnv(make_walk_cfg(num_envs=8, seed=2))
+    env = WalkEnv(TaskCfg(num_envs=8, seed=2))
     view = LiveTraining(env, rrd=tmp_path / "training.rrd")
     heights = []
     for step in range(20):
@@ -31,7 +31,7 @@ def test_recording_holds_one_robot_per_current(tmp_path: Path) -> None:
 
 def test_watching_changes_no_bit(tmp_path: Path) -> None:
     """The watched environments do the same as unwatched ones."""
-    watched, alone = (WalkEnv(make_walk_cfg(num_envs=8, seed=2)) for _ in range(2))
+    watched, alone = (WalkEnv(TaskCfg(num_envs=8, seed=2)) for _ in range(2))
     view = LiveTraining(watched, rrd=tmp_path / "training.rrd")
     for _ in range(10):
         watched.step(torch.zeros(8, 12))

@@ -15,12 +15,13 @@ from rerun.chunk import RrdReader
 from mrwarp.cli import main
 from mrwarp.commands import run_play as play_cli
 from mrwarp.commands.run_play import Play
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import PlantCfg, TaskCfg
+from mrwarp.env.config.mdp_cfg import TerrainCfg
 from mrwarp.env.observations import actor_terms
-from mrwarp.options.command_line import parse
-from mrwarp.resources import META
-from mrwarp.rl.checkpoint import task
+from mrwarp.options.command_line import CommandLine, parse
+from mrwarp.resources import DEFAULT_POLICY, META
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.task_record import record
 from mrwarp.trials.walking import make_env, measure
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.live_view import Player, open_sink
@@ -38,7 +39,7 @@ def write_policy(path: Path, *, actions: int = 12, seed: int = 2, **changes: Any
         [numpy_helper.from_array(weight, "w"), numpy_helper.from_array(np.zeros(actions, np.float32), "b")],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
-    description = {"observations": actor_terms(12), "task": {**task(make_walk_cfg()), **changes}}
+    description = {"observations": actor_terms(12), "task": {**record(TaskCfg()), **changes}}
     helper.set_model_props(model, {META: json.dumps(description)})
     onnx.save(model, str(path))
     return path
@@ -110,8 +111,16 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
 def test_defaults() -> None:
     """By default four robots walk at 0.5 m/s for 10 s on the CPU."""
     options = parse(Play, ["--agent", "zero"], "mrwarp play")
-    assert (options.num_envs, options.current, options.speed, options.seconds) == (4, CURRENT_GROUPS, 0.5, 10.0)
-    assert (options.device, options.robot, options.sal, options.seed) == ("cpu", None, None, 0)
+    assert (options.speed, options.seconds) == (0.5, 10.0)
+    assert options.plant == PlantCfg(num_envs=4) and options.plant.currents == CURRENT_GROUPS
+
+
+def test_a_policy_is_played_as_it_was_trained_unless_an_option_says_else() -> None:
+    """Robot, devices and ground are the policy's; machine, files and seed are one's own."""
+    said = record(TaskCfg(payload=3, sal=False, coil_lag=0.01, terrain=TerrainCfg(), num_envs=64, seed=8))
+    words = ("--policy", str(DEFAULT_POLICY), "--payload", "1")
+    found = parse(Play, words, "play")._cfg(CommandLine("mrwarp play", words), said)
+    assert found == TaskCfg(payload=1, sal=False, coil_lag=0.01, terrain=TerrainCfg(), num_envs=4)
 
 
 def test_policy_from_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -127,7 +136,7 @@ def test_policy_from_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert png.read_bytes().startswith(b"\x89PNG") and 20_000 < png.stat().st_size < 300_000
 
     result = json.loads((out / "result.json").read_text())
-    env = make_env(make_walk_cfg(num_envs=4, sal=False), 4, seed=0)
+    env = make_env(TaskCfg(num_envs=4, sal=False), 4, seed=0)
     command = torch.tensor([0.5, 0.0, 0.0])
     expected = measure(env, OnnxPolicy(policy), command.repeat(4, 1), warmup=0.5, seconds=1.5)
     assert {name: result[name] for name in expected} == json.loads(json.dumps(expected))
@@ -183,7 +192,7 @@ def test_live_run_keeps_real_time_and_reaches_the_viewer(tmp_path: Path) -> None
     """Sent to a running viewer, 1.5 s of walking take 1.5 s, and everything arrives."""
     viewer = Viewer("--serve-grpc")
     try:
-        env = make_env(make_walk_cfg(num_envs=4), 4, seed=0)
+        env = make_env(TaskCfg(num_envs=4), 4, seed=0)
         sink = open_sink(url=viewer.url)
         player = Player(env, play_cli.make_agent("zero", env), speed=0.0, shown=range(4), sink=sink)
         started = time.perf_counter()
@@ -197,7 +206,7 @@ def test_live_run_keeps_real_time_and_reaches_the_viewer(tmp_path: Path) -> None
 
 def test_falls_are_reported(tmp_path: Path) -> None:
     """A robot that folds its legs falls; robot, current and time are in the figures."""
-    env = make_env(make_walk_cfg(num_envs=2), 2, seed=0)
+    env = make_env(TaskCfg(num_envs=2), 2, seed=0)
     folded = torch.zeros(2, 12)
     folded[1, 1::3], folded[1, 2::3] = 6.0, -6.0
     player = Player(env, lambda _: folded, speed=0.0, shown=[0, 1])

@@ -9,7 +9,7 @@ import pytest
 import rerun as rr
 from matplotlib.figure import Figure
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.walking import make_env
@@ -97,7 +97,7 @@ def test_rotate_equals_mujoco() -> None:
 @pytest.fixture(scope="module")
 def rough() -> WalkEnv:
     """Four robots on four tiles of rough ground."""
-    return make_env(make_walk_cfg(num_envs=4, terrain="rough"), 4, seed=2)
+    return make_env(TaskCfg(num_envs=4, terrain="rough"), 4, seed=2)
 
 
 def test_heights_are_the_terrains(rough: WalkEnv) -> None:

@@ -19,8 +19,9 @@ from mjlab.managers.event_manager import requires_model_fields
 from mjlab.utils.spec import create_motor_actuator
 
 from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.effect_runtime import added_inertia
-from mrwarp.actuator.mr_actuator import ActuatorInputs, DeviceAlone, MrActuator, MrActuatorCfg
+from mrwarp.actuator.mr_actuator import ActuatorInputs, DeviceAlone, MrActuator
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.kernels.mr_stages import drive_torque_kernel
 from mrwarp.model_file import load_model

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.energy.power import ElectricalCfg
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.natural_units import scales_of
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.policy_file import check_robot
@@ -90,7 +90,7 @@ def walk_change(
             currents = [a.mr.coil.current_max for a in load_robot(robot=robot).actuators if a.mr is not None]
             progress(f"walking on the {name} robot")
             rows = walk_currents(
-                make_walk_cfg(robot=robot), walker, trials=trials, distance=DISTANCE * by.length, seed=seed,
+                TaskCfg(robot=robot), walker, trials=trials, distance=DISTANCE * by.length, seed=seed,
                 currents=[min(currents, default=0.0)], speeds=[round(v * by.speed, 3) for v in SPEEDS], payload=0.0,
                 cfg=ElectricalCfg(),
             )  # fmt: skip

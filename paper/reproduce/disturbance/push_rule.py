@@ -17,7 +17,6 @@ import numpy as np
 
 from mrwarp import paper
 from mrwarp.enums import Coupling, ZStep
-from mrwarp.nn.network_file import shipped_model
 from mrwarp.trials import impact
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, body_extremes
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
@@ -124,8 +123,7 @@ def config(reading: Reading, settings: Settings, variants: tuple[Variant, ...], 
             coupling=Coupling.CONSTRAINT if reading.brake else Coupling.EXPLICIT,
             z_step=ZStep.EULER,
             threads=settings.threads,
-            actuator_model="pg_rlstm" if reading.learned else "bouc_wen",
-            actuator_file=shipped_model("pg_rlstm") if reading.learned else None,
+            actuator="pg_rlstm" if reading.learned else "bouc_wen",
         ),
         seed=settings.seed,
     )

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.verify import energy_ledger as physics_ledger
 from benchmarks.verify.energy_ledger import LedgerRun
 from benchmarks.verify.physics import LEDGER_GAP
-from mrwarp.actuator.mr_actuator import Coupling
+from mrwarp.enums import Coupling
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
 MASS, GRAVITY = 12.6, 9.81

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import torch
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 
 LINEAR, ANGULAR = 0.05, 0.02
@@ -26,7 +26,7 @@ def momentum(model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray) -> np.nd
 
 def test_momentum_in_flight_follows_gravity_alone() -> None:
     """0.4 s in the air with moving legs: momentum changes by m*g*t (49 N·s), angular momentum not at all."""
-    env = WalkEnv(replace(make_walk_cfg(num_envs=4, threads=1), noise=None, randomize=None))
+    env = WalkEnv(replace(TaskCfg(num_envs=4, threads=1), noise=None, randomize=None))
     model = env.sim.scene.model
     qpos, qvel = (env.view(env.sim.backend.field(name)) for name in ("qpos", "qvel"))
     qpos[:, 2] += 5.0

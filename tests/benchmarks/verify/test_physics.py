@@ -21,7 +21,7 @@ from benchmarks.verify.passivity import ROUNDING, PassivityRun, dropped_robot, f
 from benchmarks.verify.physics import check, run_all
 from benchmarks.verify.rigs import yield_torque
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import Coupling
+from mrwarp.enums import Coupling
 from mrwarp.env.backend import BackendKind
 from mrwarp.params import MrParams
 

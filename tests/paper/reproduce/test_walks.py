@@ -315,7 +315,7 @@ def test_policies_with_sal_walk_on_the_devices_that_they_were_trained_with(
     for name, (cfg, policies) in zip(walks.VARIANTS, asked, strict=True):
         if name not in ("same_gait", "swapped_policies"):
             tasks = [json.loads(file.with_suffix(".json").read_text())["task"] for file in policies["mr_go_sal"]]
-            assert {task["coupling"] for task in tasks} == {cfg.env.actuator.coupling.value}, name
+            assert {task["coupling"] for task in tasks} == {cfg.env.coupling.value}, name
 
 
 def test_table_7_has_the_papers_simulation_next_to_walks_as_commanded(tmp_path: Path) -> None:

@@ -19,9 +19,9 @@ def test_every_step_changes_one_thing() -> None:
     """Robot, then devices, then current with one branch or both."""
     cfgs = {step: _plant(step, EvaluationCfg()) for step in STEPS}
     assert [cfg.robot for cfg, _ in cfgs.values()] == ["go1"] + ["mr_go"] * 5
-    assert [cfg.actuator_model for cfg, _ in cfgs.values()] == ["none"] * 2 + ["bouc_wen"] * 4
+    assert [cfg.actuator for cfg, _ in cfgs.values()] == ["none"] * 2 + ["bouc_wen"] * 4
     assert [current for _, current in cfgs.values()] == [0.0, 0.0, 0.0, 1.5, 1.5, 1.5]
-    branches = [(cfg.actuator.damping, cfg.actuator.holding) for cfg, _ in list(cfgs.values())[2:]]
+    branches = [(cfg.damping, cfg.holding) for cfg, _ in list(cfgs.values())[2:]]
     assert branches == [(True, True), (True, False), (False, True), (True, True)]
 
 

@@ -11,7 +11,8 @@ from scipy import stats
 
 from mrwarp.cli import main
 from mrwarp.enums import ARMS, CurrentCommand, HoldCurrent
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import TaskCfg
+from mrwarp.env.rewards import weight
 from mrwarp.resources import ENERGY, policy_file
 from paper.study import currents
 from paper.study.currents import CurrentsCfg, arm_env, figures
@@ -21,13 +22,13 @@ def test_arms_differ_in_who_commands_the_coils() -> None:
     """Price, lag and rewards are the same; robot, command and current are the arm's."""
     envs = {arm: arm_env(CurrentsCfg(), arm, 0.5) for arm in ARMS}
     assert len({str(env.rewards) for env in envs.values()}) == 1 and {e.coil_lag for e in envs.values()} == {0.01}
-    assert {arm: env.current for arm, env in envs.items() if env.current is not CurrentCommand.FIXED} == {
+    assert {arm: env.current_by for arm, env in envs.items() if env.current_by is not CurrentCommand.FIXED} == {
         "latched": CurrentCommand.LATCHED,
         "scheduled": CurrentCommand.SCHEDULED,
         "learned": CurrentCommand.LEARNED,
     }
-    assert envs["fixed"].currents == (0.5,) and envs["fixed"].actuator.hold_current is HoldCurrent.FIXED
-    assert replace(envs["latched"], current=CurrentCommand.FIXED, hold_speed=None) == envs["fixed"]
+    assert envs["fixed"].currents == (0.5,) and envs["fixed"].hold_current is HoldCurrent.FIXED
+    assert replace(envs["latched"], current_by=CurrentCommand.FIXED, hold_speed=None) == envs["fixed"]
     assert envs["latched"].hold_speed == envs["learned"].hold_speed == 1.0 and envs["scheduled"].hold_speed is None
     assert envs["none"].robot == "go1" and envs["off"].currents == (0.0,)
 
@@ -72,9 +73,9 @@ def test_seeds_without_a_shipped_policy_begin_with_a_training(tmp_path: Path, mo
     trained = []
 
     def run(
-        env: EnvCfg, seed: int, updates: int, learning: object, begin: Callable[[], Path], folder: Path, _: str
+        env: TaskCfg, seed: int, updates: int, learning: object, begin: Callable[[], Path], folder: Path, _: str
     ) -> Path:
-        trained.append((folder.name, env.sim.num_envs, env.rewards.weight("power"), updates, begin().name))
+        trained.append((folder.name, env.num_envs, weight(env.rewards, "power"), updates, begin().name))
         return folder / "policy.onnx"
 
     monkeypatch.setattr(currents, "settled", run)

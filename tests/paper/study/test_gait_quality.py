@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from mrwarp.enums import ZStep
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.trials.walking import make_env
 from paper.study.gait_quality import UNITS, FootMeter, Rules, broken, lines, spread_kept
 
@@ -14,7 +14,7 @@ GOOD = {"tilt_rms": 0.6, "roll": 0.1, "pitch": -0.2, "sides": 2.0, "slip": 0.02,
 
 def test_slip_is_the_speed_of_the_soles() -> None:
     """A robot that stands has none; one whose feet are carried along has that speed."""
-    env = make_env(make_walk_cfg(actuator_model="none", z_step=ZStep.EULER), 1, 0)
+    env = make_env(TaskCfg(actuator="none", z_step=ZStep.EULER), 1, 0)
     for _ in range(100):  # until it stands still
         env.step(torch.zeros(1, 12))
     feet, on = FootMeter(env), torch.ones(1, dtype=torch.bool)

@@ -10,13 +10,14 @@ import pytest
 import torch
 from matplotlib.axes import Axes
 
-from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.cli import main
-from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_play_cfg, make_randomize_cfg
+from mrwarp.enums import Coupling
+from mrwarp.env.cfg import make_play_cfg
+from mrwarp.env.config.mdp_cfg import RandomizeCfg, RewardCfg, make_randomize_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import ROBOTS
 from mrwarp.rl.policy import POLICIES, OnnxPolicy, PolicyError
-from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.run_dir import claim
 from mrwarp.usd.robot import PUBLIC_GAINS
 from paper.study import matched_training, plan
@@ -48,7 +49,7 @@ def test_plants_differ_in_the_device_alone() -> None:
         assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
     assert cfgs[0].randomize == make_randomize_cfg("ground")
     assert [cfg.robot for cfg in cfgs] == ["go1"] + ["mr_go"] * 4
-    assert [cfg.actuator_model for cfg in cfgs] == ["none", "pg_rlstm", "mlp", "bouc_wen", "lstm"]
+    assert [cfg.actuator for cfg in cfgs] == ["none", "pg_rlstm", "mlp", "bouc_wen", "lstm"]
     with pytest.raises(ValueError, match="plant = 'spring': choose from conventional"):
         plant_cfg("spring")
     with pytest.raises(ValueError, match="randomize = 'moon' is unknown; choose from all, ground, none"):
@@ -64,7 +65,7 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
         1.5,
     )
     assert cfgs[0].randomize == RandomizeCfg(added_mass=(-0.5, 3.5))
-    assert [(cfg.robot, cfg.actuator_model, cfg.actuator.sal) for cfg in cfgs] == [
+    assert [(cfg.robot, cfg.actuator, cfg.sal) for cfg in cfgs] == [
         ("go1", "none", False), ("mr_go", "bouc_wen", False), ("mr_go", "bouc_wen", True)
     ]  # fmt: skip
     assert plant_cfg("go1", randomize="none").randomize is None
@@ -72,8 +73,8 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
     assert free == replace(cfgs[0], rewards=cfgs[0].rewards.weighing(power=0.0))
     assert plant_cfg(AWARE, power_price=1.0) == plant_cfg(AWARE)
     explicit = plant_cfg(EXPLICIT, randomize="all")
-    assert explicit.actuator.coupling is Coupling.EXPLICIT
-    assert replace(explicit, actuator=replace(explicit.actuator, coupling=Coupling.CONSTRAINT)) == cfgs[2]
+    assert explicit.coupling is Coupling.EXPLICIT
+    assert replace(explicit, coupling=Coupling.CONSTRAINT) == cfgs[2]
 
 
 def test_robots_that_pay_name_their_price(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,9 +126,7 @@ def test_trainings_begin_with_the_runs_of_a_folder(tmp_path: Path) -> None:
     """Of a run the whole checkpoint is taken, critic and noise too, by more robots that learn in smaller steps."""
     cfg = replace(CFG, plants=("bouc_wen",), iterations=1)
     assert train(cfg, tmp_path / "first", report=lambda line: None)
-    settled = replace(
-        cfg, num_envs=6, start_from=tmp_path / "first", learning=LearningCfg(desired_kl=0.01, entropy=0.0)
-    )
+    settled = replace(cfg, num_envs=6, start_from=tmp_path / "first", learning=PpoCfg(desired_kl=0.01, entropy=0.0))
     assert train(settled, tmp_path / "settled", report=lambda line: None)
     collect(settled, tmp_path / "settled", tmp_path / "policies")
     record = json.loads(record_file(tmp_path / "policies", "bouc_wen", 0).read_text())

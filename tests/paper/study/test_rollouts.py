@@ -7,12 +7,12 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.power_meter import MotionMeter
 from paper.study.rollouts import METRICS, EvaluationCfg, roll_out
 
-PLANT = make_walk_cfg()
+PLANT = TaskCfg()
 CFG = EvaluationCfg(rollouts=2, warmup=0.1, seconds=0.4, seed=5)
 
 

@@ -55,8 +55,8 @@ def test_readings_differ_in_what_they_say() -> None:
     env = {
         reading: push_rule.config(reading, Settings(), (reading.variant(0.0),), 0.3).env for reading in (LITERAL, JOINT)
     }
-    assert [env[each].actuator.coupling for each in (LITERAL, JOINT)] == [Coupling.EXPLICIT, Coupling.CONSTRAINT]
-    assert all(each.actuator.z_step is ZStep.EULER and not each.actuator.holding for each in env.values())
+    assert [env[each].coupling for each in (LITERAL, JOINT)] == [Coupling.EXPLICIT, Coupling.CONSTRAINT]
+    assert all(each.z_step is ZStep.EULER and not each.holding for each in env.values())
 
 
 def test_drag_is_free_without_current_alone() -> None:

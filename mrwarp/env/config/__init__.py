@@ -1,0 +1,1 @@
+"""config of mrwarp.env; see the README's map."""
