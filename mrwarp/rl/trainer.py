@@ -313,9 +313,9 @@ class Trainer:
         each = self.progress.update_seconds()
         bar(
             "learning to walk",
-            self.iteration / min(self.typical or self.cfg.iterations, self.cfg.iterations),
+            self.iteration / min(self.typical or self.cfg.run.iterations, self.cfg.run.iterations),
             detail=progress.figures_line(row),
-            ending=progress.ending(self.iteration, each, self.cfg.iterations, self.typical),
+            ending=progress.ending(self.iteration, each, self.cfg.run.iterations, self.typical),
         )
 
     def _say(self, text: str) -> None:
