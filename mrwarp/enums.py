@@ -74,9 +74,16 @@ LEARNED = ("mlp", "lstm", "pg_rlstm")
 """Torque models that come from a file: ``mrwarp learn`` writes it."""
 
 HYSTERESIS_LAWS = (
-    "bouc_wen", "kwok", "arctangent", "dahl", "lugre", "bouc_wen_power", "spencer", "biviscous",
-)  # fmt: skip
-"""Hysteresis laws that can be fitted: the paper's eqs. 14 and 15, and those of :mod:`mrwarp.effects.laws`."""
+    "bouc_wen",
+    "kwok",
+    "arctangent",
+    "dahl",
+    "lugre",
+    "bouc_wen_power",
+    "spencer",
+    "biviscous",
+)
+"""Hysteresis laws that can be fitted: the paper's eqs. 14 and 15, and the files of :mod:`mrwarp.effects.laws`."""
 
 ACTUATORS = ("none", "mlp", "lstm", "bouc_wen", "pg_rlstm")
 """Torque models of the MR joint that can be simulated: no device at all, the current-aware Bouc-Wen model, a learned

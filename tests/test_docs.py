@@ -12,7 +12,7 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("
 ROOMS = "mrwarp|tests|benchmarks|docs|assets|policies|models|train|viz"
 PATH = re.compile(rf"(?<![\w./-])((?:{ROOMS})/[\w./-]*[\w/])(?![\w/]*[*{{])")
 NAME = re.compile(r"\bmrwarp(?:\.[A-Za-z_]\w*)+")
-MADE = {"mrwarp/effects/end_stop.py", "assets/usd/mr_go_extended.usda"}
+MADE = {"mrwarp/effects/end_stop.py", "mrwarp/effects/laws/soft_sign.py", "assets/usd/mr_go_extended.usda"}
 """Files that a page asks its reader to make."""
 
 
@@ -77,7 +77,7 @@ def test_a_page_is_read_in_one_sitting(page: Path) -> None:
 
 
 QUESTIONS = {
-    "how to add an effect": ("docs/add_effect.md", "One file and one line"),
+    "how to add an effect": ("docs/extend.md", "One file and one line"),
     "what a suspect is": ("docs/why_not_named.md", "A **suspect** is an effect that"),
     "why a cause was not named": ("docs/why_not_named.md", "Look at them in this order"),
     "which numbers of a robot were guessed": ("docs/robot_import.md", "Which numbers of a robot were guessed?"),

@@ -40,3 +40,11 @@ def test_a_wheel_is_whole(wheel: Path, tmp_path: Path) -> None:
         line = [sys.executable, "-m", "mrwarp", *command.split()]
         done = subprocess.run(line, cwd=empty, env=env, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"mrwarp {command}: {done.stderr}"
+
+
+def test_the_papers_policies_stay_in_the_checkout(wheel: Path) -> None:
+    """What only the laboratory reads is no part of the wheel; what commands take is."""
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name.removeprefix("mrwarp/policies/") for name in archive.namelist() if "/policies/" in name}
+    folders = {name.partition("/")[0] for name in names if "/" in name}
+    assert folders == {"energy"} and {"mr_go_walk.onnx", "energy/mr_go_seed0.onnx"} <= names

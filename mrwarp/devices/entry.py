@@ -27,7 +27,7 @@ FILE = "device.json"
 
 _LAW_OF_EQ14 = ("alpha", "beta", "gamma", "z_max")
 """Numbers of eq. 15, which say nothing where another law takes its place."""
-_REMEDY = "write its part 'stated', see CONTRIBUTING.md"
+_REMEDY = "write its part 'stated', see docs/extend.md"
 _WIDTH = 118
 
 

@@ -1,84 +1,56 @@
-"""The catalogue: one line per effect, by stage in the order of the path. Adding one = its file and its line."""
+"""The catalogue: one line per effect, by stage in the order of the path. Adding one = its file and its line.
+
+Laws of hysteresis are those of :data:`mrwarp.enums.HYSTERESIS_LAWS`, which command lines offer, too.
+"""
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import zlib
 from pathlib import Path
 
 import warp as wp
 
-from mrwarp.effects import (
-    backlash,
-    cogging,
-    coil_lag,
-    command_delay,
-    compliance_with_backlash,
-    coulomb_friction,
-    current_gain,
-    current_saturation,
-    current_viscosity,
-    encoder_offset,
-    friction_asymmetry,
-    load_friction,
-    position_friction,
-    remanence,
-    rotor_inertia,
-    series_compliance,
-    speed_weakening,
-    stribeck,
-    temperature_drift,
-    torque_bias,
-    torque_gain,
-    torque_sensor_lag,
-    velocity_lag,
-    wear,
-)
 from mrwarp.effects.law import STAGES, EffectLaw, EffectParameter, dry_direction
-from mrwarp.effects.laws import arctangent, biviscous, bouc_wen_power, dahl, kwok, lugre, spencer
+from mrwarp.enums import HYSTERESIS_LAWS
 from mrwarp.kernels import bouc_wen, coil
 
-LAWS: tuple[EffectLaw, ...] = (
-    command_delay.LAW,
-    coil_lag.LAW,
-    current_gain.LAW,
-    remanence.LAW,
-    current_saturation.LAW,
-    velocity_lag.LAW,
-    encoder_offset.LAW,
-    backlash.LAW,
-    series_compliance.LAW,
-    rotor_inertia.LAW,
-    coulomb_friction.LAW,
-    friction_asymmetry.LAW,
-    load_friction.LAW,
-    position_friction.LAW,
-    stribeck.LAW,
-    cogging.LAW,
-    compliance_with_backlash.LAW,
-    current_viscosity.LAW,
-    speed_weakening.LAW,
-    temperature_drift.LAW,
-    wear.LAW,
-    torque_sensor_lag.LAW,
-    torque_gain.LAW,
-    torque_bias.LAW,
+EFFECTS = (
+    "command_delay",
+    "coil_lag",
+    "current_gain",
+    "remanence",
+    "current_saturation",
+    "velocity_lag",
+    "encoder_offset",
+    "backlash",
+    "series_compliance",
+    "rotor_inertia",
+    "coulomb_friction",
+    "friction_asymmetry",
+    "load_friction",
+    "position_friction",
+    "stribeck",
+    "cogging",
+    "compliance_with_backlash",
+    "current_viscosity",
+    "speed_weakening",
+    "temperature_drift",
+    "wear",
+    "torque_sensor_lag",
+    "torque_gain",
+    "torque_bias",
 )
+"""Files of the effects in this folder, in the order of the path."""
+
+LAWS: tuple[EffectLaw, ...] = tuple(importlib.import_module(f"mrwarp.effects.{name}").LAW for name in EFFECTS)
 
 CATALOGUE: dict[str, EffectLaw] = {law.name: law for stage in STAGES for law in LAWS if law.stage == stage}
 """All effects by name."""
 
 HYSTERESIS: dict[str, EffectLaw] = {
-    law.name: law
-    for law in (
-        kwok.LAW,
-        arctangent.LAW,
-        dahl.LAW,
-        lugre.LAW,
-        bouc_wen_power.LAW,
-        spencer.LAW,
-        biviscous.LAW,
-    )
+    name: importlib.import_module(f"mrwarp.effects.laws.{name}").LAW for name in HYSTERESIS_LAWS if name != "bouc_wen"
 }
 """Laws that can stand in place of eq. 15, by name; at most one does."""
 

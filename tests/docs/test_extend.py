@@ -1,0 +1,101 @@
+"""``docs/extend.md`` is done as it stands there, in a copy of the package, and what it adds is used."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+STEP = re.compile(
+    r"^`([\w/.]+)`(?:, after the line `([^`]+)`)?:\n\n```(?:python|text)\n(.*?)^```", re.MULTILINE | re.DOTALL
+)
+"""A file of the page, the line after which something is added (else the file is new), and what."""
+
+EFFECT_AND_LAW = """
+import numpy as np
+from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS
+from mrwarp.identify.parameters import slots_of
+from mrwarp.model_file import make_effect
+from tests.effects import along
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING
+shaft = along.Shaft.swinging(seconds=1.0)
+cases = [{}, {"end_stop": {"stiffness": 2.0, "way": 0.1}}, {"soft_sign": {"rate": 3.0}}]
+plain, stop, soft = along.torques(shaft, along.TRUTH, cases).astype(float)
+beyond = shaft.q - np.clip(shaft.q, -0.1, 0.1)
+assert np.abs(beyond).max() > 0.05
+np.testing.assert_allclose(stop - plain, SIGN * 2.0 * beyond, rtol=0, atol=1e-4)
+assert np.abs(soft - plain).max() > 0.01
+assert [s.parameter.name for s in slots_of("end_stop")] == ["stiffness", "way"]
+assert make_effect("end_stop", {"stiffness": 2.0, "way": 0.1}).values == {"stiffness": 2.0, "way": 0.1}
+assert "end_stop" in CATALOGUE and "soft_sign" in HYSTERESIS
+"""
+
+REWARD_AND_OPTION = """
+import torch
+from mrwarp.commands.run_train import Train
+from mrwarp.env.rewards import TERMS, weight
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.options.command_line import parse
+
+task = parse(Train, ["--num-envs", "2", "--randomize", "none", "--reward", "sideways=-2"], "train").cfg.task
+env = WalkEnv(task)
+env.step(torch.zeros(2, env.num_actions))
+found, speed = env.arrays.terms[:, list(TERMS).index("sideways")], env.body_velocity[:, 1]
+assert weight(task.rewards, "sideways") == -2.0 and bool((speed != 0.0).any())
+torch.testing.assert_close(found, speed * speed)
+
+from mrwarp.cli import main
+try:
+    main(["fit", "--help"])
+except SystemExit:
+    pass
+"""
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package with all that the page adds, next to what it takes from a checkout."""
+    root = tmp_path_factory.mktemp("extended")
+    shutil.copytree(ROOT / "mrwarp", root / "mrwarp", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("assets", "models", "policies", "tests"):
+        (root / name).symlink_to(ROOT / name)
+    steps = STEP.findall((ROOT / "docs" / "extend.md").read_text(encoding="utf-8"))
+    assert [bool(after) for _, after, _ in steps] == [False, True, False, True, True]
+    for name, after, text in steps:
+        path = root / name
+        assert path.is_file() == bool(after), name
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if after else []
+        at = [k + 1 for k, line in enumerate(lines) if line.strip() == after] if after else [0]
+        assert len(at) == 1, f"{name}: {after!r} stands there {len(at)} times"
+        lines.insert(at[0], f"\n\n{text}" if after and text.startswith("@") else text)
+        path.write_text("".join(lines), encoding="utf-8")
+    return root
+
+
+def run(root: Path, code: str) -> str:
+    """What Python prints with the extended package."""
+    path = {"PYTHONPATH": str(root), "PATH": "/usr/bin:/bin", "HOME": str(Path.home())}
+    command = [sys.executable, "-c", f"import mrwarp; assert mrwarp.__file__.startswith({str(root)!r})\n{code}"]
+    done = subprocess.run(command, cwd=root, env=path, capture_output=True, text=True, timeout=500, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_an_effect_and_a_law_act_in_the_kernels_are_searched_and_stored(extended: Path) -> None:
+    """One file and one line each. Then the effect's sign is edited: the kernels are compiled again."""
+    run(extended, EFFECT_AND_LAW.replace("SIGN", "1.0"))
+    file = extended / "mrwarp" / "effects" / "end_stop.py"
+    file.write_text(
+        file.read_text(encoding="utf-8").replace("s.torque + values", "s.torque - values"), encoding="utf-8"
+    )
+    run(extended, EFFECT_AND_LAW.replace("SIGN", "-1.0"))
+
+
+def test_a_reward_term_is_an_option_of_train_and_a_law_one_of_fit(extended: Path) -> None:
+    """The composed kernel gives the term's value; the command lines know both names."""
+    assert "soft_sign" in run(extended, REWARD_AND_OPTION)
