@@ -17,15 +17,11 @@ from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.rl.symmetry import SymmetricNetwork
 from mrwarp.rl.train_cfg import RunCfg, TrainCfg
 from mrwarp.rl.trainer import Trainer
+from tests.rl.test_mirror import image
 
 UNITS = 128
 """Terms of the longest sum in a layer: two sums of n terms in another order differ by up to n machine epsilons of the
 largest term."""
-
-
-def image(values: torch.Tensor, of: SignedPermutation) -> torch.Tensor:
-    """The mirror image of rows (E, n)."""
-    return values[:, torch.from_numpy(of.index)] * torch.from_numpy(of.sign).to(values.dtype)
 
 
 def outputs(model: MLPModel, inputs: torch.Tensor) -> torch.Tensor:

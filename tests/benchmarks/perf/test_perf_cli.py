@@ -64,6 +64,8 @@ def test_compare_passes_against_itself_and_fails_when_slowed(
     ("options", "text"),
     [
         (["--rounds", "1"], "at least 2"),
+        (["--device", "cuda:7"], "cuda:7"),
+        (["--device", "tpu"], "tpu"),
         (["--compare", "/no/such/file.json"], "file.json"),
         (["--policy", "/no/such/policy.onnx"], "policy.onnx"),
     ],
