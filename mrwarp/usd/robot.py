@@ -120,7 +120,7 @@ class CurrentShares(tuple[float, ...]):
 
     def of(self, most: float) -> tuple[float, ...]:
         """Currents of a device that takes so much [A]; the paper's where that is infinite: there is no device."""
-        return tuple(min(most, most * current / self[-1]) for current in self) if most < math.inf else tuple(self)
+        return tuple(most * (current / self[-1]) for current in self) if most < math.inf else tuple(self)
 
 
 CURRENT_GROUPS = CurrentShares((0.0, 0.5, 1.0, 1.5))
