@@ -43,7 +43,7 @@ def test_a_wheel_is_whole(wheel: Path, tmp_path: Path) -> None:
 
 
 def test_the_papers_policies_stay_in_the_checkout(wheel: Path) -> None:
-    """What only the laboratory reads is no part of the wheel; what commands take is."""
+    """Policies that only the laboratory reads are no part of the wheel; those that commands take are."""
     with zipfile.ZipFile(wheel) as archive:
         names = {name.removeprefix("mrwarp/policies/") for name in archive.namelist() if "/policies/" in name}
     folders = {name.partition("/")[0] for name in names if "/" in name}

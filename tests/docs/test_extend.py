@@ -78,7 +78,7 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(root: Path, code: str) -> str:
-    """What Python prints with the extended package."""
+    """Output of Python with the extended package."""
     path = {"PYTHONPATH": str(root), "PATH": "/usr/bin:/bin", "HOME": str(Path.home())}
     command = [sys.executable, "-c", f"import mrwarp; assert mrwarp.__file__.startswith({str(root)!r})\n{code}"]
     done = subprocess.run(command, cwd=root, env=path, capture_output=True, text=True, timeout=500, check=False)
