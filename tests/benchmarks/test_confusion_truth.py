@@ -12,10 +12,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+from benchmarks.confusion import levels
 from benchmarks.confusion.case import NOISES, Noise, Truth, make_case, write_case
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UNCATALOGUED, Effect
 from benchmarks.confusion.families import FAMILIES, Plan
 from benchmarks.confusion.foreign import HIDDEN
+from benchmarks.confusion.levels import TOLERANCE
 from benchmarks.confusion.motion import Motion, make_session
 from benchmarks.confusion.path import behind_gap
 from benchmarks.confusion.suite import SuiteError, run_case, run_suite
@@ -27,6 +29,9 @@ from mrwarp.identify.replay import simulate as replay
 from mrwarp.recording.load import Recording, load_recording
 
 SIGMA = NOISES["realistic"].sigma
+FLOOR = 0.05
+"""Error of the simulator's kernels at one step per sample, as a share of the noise."""
+ROUNDING = np.finfo(float).eps
 SILENT = Noise(white=0.0, coloured=0.0, offset=0.0, gain=0.0, velocity=0.0, encoder=0.0)
 
 
@@ -39,16 +44,20 @@ def test_the_contract_is_complete() -> None:
 
 @pytest.mark.parametrize("size", ["large", "small"])
 def test_base_is_eqs_14_and_15(size: str) -> None:
-    """Without effects and noise the log is what the simulator's kernels give, to their step at 200 Hz."""
+    """Without effects and noise the log is what the simulator's kernels give, to their step at 200 Hz.
+
+    At one step per sample they differ by a twentieth of the noise, which adds (0.05/0.4)²/2 = 0.8 % to a level of 0.4.
+    Steps are of the second order but for reversals, which fill one each: more than of order 1.5.
+    """
     case = make_case("none", level=0.0, seed=5, size=size)
     clean = case.record(case.motion, stream=9, noise=SILENT)
     values = {**case.device.base, "q_offset": case.device.zero}
-    for substeps, limit in ((1, 0.05), (2, 0.015), (8, 0.002)):
+    for substeps in (1, 2, 8):
         simulated = replay(values, clean, substeps=substeps)
         errors = [sim - run.torque for sim, run in zip(simulated, clean.trajectories, strict=True)]
         floor = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
         print(f"{size}, {substeps} substeps: {floor:.6f} N·m RMS, {floor / SIGMA:.2%} of sigma")
-        assert floor < limit * SIGMA
+        assert floor < FLOOR * substeps**-1.5 * SIGMA
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -64,8 +73,10 @@ def test_null_changes_nothing(name: str) -> None:
 
     null = 1.0 if name.endswith("_gain") and name in CALIBRATION else 0.0
     base, at_null, acting = simulate(plain, motion), run(null), run(null + spec.guess)
-    for channel in ("q", "qd", "current", "torque"):
-        np.testing.assert_allclose(getattr(at_null, channel), getattr(base, channel), rtol=0.0, atol=1e-12)
+    for channel in ("q", "qd", "current", "torque"):  # a path that is stepped again is rounded in each step
+        size = np.abs(getattr(base, channel)).max()
+        rounded = motion.q.shape[1] * ROUNDING * size
+        np.testing.assert_allclose(getattr(at_null, channel), getattr(base, channel), rtol=0.0, atol=rounded)
     assert any(np.abs(getattr(acting, c) - getattr(base, c)).max() > 1e-6 for c in ("q", "qd", "torque"))
 
 
@@ -77,16 +88,27 @@ STEPPED = ("backlash", "series_compliance")
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in STEPPED)) for n in (*SINGLE, *UNCATALOGUED)]
 )
 def test_levels_come_out(name: str) -> None:
-    """The level is the one that was asked for, and its strength is stated in a unit."""
+    """The level is the one that was asked for, and its strength is stated in a unit.
+
+    A delay below one sample acts on the edges that fall into it: their energy jumps by one edge, the level by half.
+    """
     case = make_case(name, level=0.4, seed=2, size="small")
     stated = case.truth.parameters[name]
     print(f"{name:20s} {stated['parameter']:14s} {stated['value']:11.4g} {stated['unit']:14s} level {case.level:.3f}")
-    assert case.level == pytest.approx(0.4, rel=0.05)
+    jumps = 0.0
+    if name == "command_delay":
+        plain, late = (simulate(d, case.motion).torque for d in (case.device.with_effects({}), case.device))
+        jumps = 0.5 * float(((late - plain) ** 2).max() / ((late - plain) ** 2).sum())
+        print(jumps)
+    assert case.level == pytest.approx(0.4, rel=TOLERANCE + jumps)
 
 
 @pytest.mark.parametrize("name", ["coulomb_friction", "coil_lag", "velocity_lag", "position_gain"])
 def test_level_is_what_a_fit_of_the_simulator_leaves(name: str) -> None:
-    """An independent fit (the simulator's kernels, trust region) of the noise-free log leaves the level."""
+    """An independent fit (the simulator's kernels, trust region) of the noise-free log leaves the level.
+
+    To what ends the benchmark's own refit, a share of the energy, and the error of the kernels at four steps.
+    """
     case = make_case(name, level=0.4, seed=3, size="small")
     clean = case.record(case.motion, stream=9, noise=SILENT)
     measured = np.concatenate([run.torque for run in clean.trajectories])
@@ -97,11 +119,12 @@ def test_level_is_what_a_fit_of_the_simulator_leaves(name: str) -> None:
         return np.concatenate(replay(values, clean, substeps=4)) - measured
 
     fit = least_squares(left, np.ones(len(BASE)), diff_step=1e-3, x_scale="jac")
-    assert np.sqrt(np.mean(fit.fun**2)) / SIGMA == pytest.approx(0.4, rel=0.05)
+    left_out = 0.5 * levels._SETTLED * case.level + FLOOR * 4**-1.5
+    assert np.sqrt(np.mean(fit.fun**2)) / SIGMA == pytest.approx(case.level, abs=left_out)
 
 
 def test_calibration_leaves_nothing() -> None:
-    """Shifts of calibration have a physical size and no level."""
+    """Shifts of calibration have a physical size and no level: (0.02/0.4)², what ends a refit, of the usual energy."""
     for name in CALIBRATION:
         case = make_case(name, level=0.4, seed=4, size="small")
         assert case.truth.parameters[name]["value"] == EFFECTS[name].size and case.level < 0.02
@@ -119,24 +142,29 @@ def test_seed_decides_everything() -> None:
 
 
 def test_noise_is_as_stated() -> None:
-    """RMS of the noise is sigma (with zero and gain errors off), and the encoder has its step."""
+    """RMS of the noise is sigma (with zero and gain errors off), and the encoder has its step.
+
+    To four standard errors: of the torque's noise, which has a colour, over the runs; of N white samples 1/sqrt(2N).
+    """
     noise = dataclasses.replace(NOISES["realistic"], offset=0.0, gain=0.0)
     case = make_case("none", level=0.0, seed=9, noise=noise)
     clean = case.record(case.motion, stream=9, noise=SILENT)
     pairs = list(zip(case.recording.trajectories, clean.trajectories, strict=True))
-    assert np.sqrt(np.mean([(a.torque - b.torque) ** 2 for a, b in pairs])) == pytest.approx(SIGMA, rel=0.02)
-    assert np.std([a.qd - b.qd for a, b in pairs]) == pytest.approx(noise.velocity, rel=0.02)
+    squares = np.array([np.mean((a.torque - b.torque) ** 2) for a, b in pairs])
+    assert squares.mean() == pytest.approx(SIGMA**2, abs=4.0 * squares.std(ddof=1) / np.sqrt(len(squares)))
+    white = np.array([a.qd - b.qd for a, b in pairs])
+    assert white.std() == pytest.approx(noise.velocity, rel=4.0 / np.sqrt(2.0 * white.size))
     counts = pairs[0][0].q / noise.encoder
-    assert np.abs(counts - np.round(counts)).max() < 1e-4
+    assert np.abs(counts - np.round(counts)).max() < 4.0 * ROUNDING * np.abs(counts).max()
 
 
 def test_two_effects_and_a_background() -> None:
     """Pairs and backgrounds hold both effects; together they leave more than one alone."""
     pair = make_case(PAIRS[5], level=0.8, seed=1, size="small")
-    assert pair.truth.kinds == PAIRS[5] and pair.truth.background == () and pair.level > 0.9
+    assert pair.truth.kinds == PAIRS[5] and pair.truth.background == () and pair.level > 0.8 * (1.0 + TOLERANCE)
     behind = make_case("stribeck", level=0.4, seed=1, size="small", background="creep")
     assert behind.truth.kinds == ("stribeck",) and behind.truth.background == ("creep",)
-    assert behind.truth.depends_on == {"memory"} and behind.level > 0.45
+    assert behind.truth.depends_on == {"memory"} and behind.level > 0.4 * (1.0 + TOLERANCE)
 
 
 def test_edges_fall_between_samples() -> None:
@@ -152,7 +180,10 @@ def test_edges_fall_between_samples() -> None:
 
 
 def test_a_shaft_that_leaves_its_stop_moves_by_its_balance() -> None:
-    """Pulled off a loaded device within a wide gap, the shaft obeys K*z/(1 + alpha*|v|) + B*v = 0 of a finer solver."""
+    """Pulled off a loaded device within a wide gap, the shaft obeys K*z/(1 + alpha*|v|) + B*v = 0 of a finer solver.
+
+    A stepped decay is at most one step early or late.
+    """
     base, dt, rest = Device.drawn(0.0, np.random.SeedSequence(0)).base, 1e-4, 1.0
     k, b, alpha = base["K0"] + base["K1"], base["B"], base["alpha"]
     t = np.arange(2000) * dt
@@ -169,7 +200,7 @@ def test_a_shaft_that_leaves_its_stop_moves_by_its_balance() -> None:
     exact = solve_ivp(rate, (0.0, 0.02), found.z[0, left : left + 1], t_eval=np.arange(200) * dt, rtol=1e-9).y[0]
     miss = np.abs(found.z[0, open_] - exact).max() / exact[0]
     print(f"z {exact[0]:.3f} to {exact[-1]:.3f} rad, largest miss {miss:.4f} of it")
-    assert exact[-1] < 0.7 * exact[0] and miss < 0.01
+    assert exact[-1] < 0.7 * exact[0] and miss < dt * abs(rate(0.0, exact[0])) / exact[0]
 
 
 def test_a_proposed_experiment_runs_on_the_same_device() -> None:
@@ -181,8 +212,8 @@ def test_a_proposed_experiment_runs_on_the_same_device() -> None:
     motion = Motion.of_samples(q, command, rate=200.0)
     recording = case.record(motion, stream=6, noise=SILENT)
     run = recording.trajectories[1]
-    np.testing.assert_allclose(run.q, q[1], atol=1e-8)
-    np.testing.assert_allclose(run.current, command[1], atol=1e-8)
+    np.testing.assert_allclose(run.q, q[1], rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(run.current, command[1])
     plain = dataclasses.replace(case, device=case.device.with_effects({})).record(motion, stream=6, noise=SILENT)
     differs = np.abs(run.torque - plain.trajectories[1].torque) > 1e-3
     stepped = np.diff(command[1], prepend=command[1, 0]) != 0.0
@@ -201,8 +232,9 @@ def test_files_hold_the_recording(tmp_path: Path) -> None:
     for a, b in zip(read.trajectories, case.recording.trajectories, strict=True):
         assert a.id == b.id and a.qd_derived and b.qd_derived and a.dt == pytest.approx(1e-3, rel=1e-6)
         for channel in ("t", "q", "current", "torque"):
-            np.testing.assert_allclose(getattr(a, channel), getattr(b, channel), rtol=1e-8, atol=1e-9)
-        np.testing.assert_allclose(a.qd, b.qd, rtol=0.0, atol=1e-5)
+            np.testing.assert_array_equal(getattr(a, channel), getattr(b, channel))
+        rounded = 100.0 * ROUNDING * np.abs(b.q).max() / b.dt  # a slope by sums over 21 samples
+        np.testing.assert_allclose(a.qd, b.qd, rtol=0.0, atol=rounded)
     assert len(load_recording(tmp_path / "untouched").trajectories) == len(read.trajectories)
     with pytest.raises(ValueError, match="without velocity"):
         make_case("velocity_lag", level=0.4, seed=0, velocity=False)
@@ -341,12 +373,15 @@ def test_gain_on_the_untouched_session() -> None:
 
 
 def test_sessions_differ_in_motion_and_repeats_in_noise_alone() -> None:
-    """A repeated session has the recording's motion and current to the encoder's step, and other noise."""
+    """A repeated session has the recording's motion and current, and other noise of the same size."""
     case = make_case("coil_lag", level=0.4, seed=7, size="small")
     first, again = case.recording.trajectories[0], case.repeated.trajectories[0]
     np.testing.assert_array_equal(first.current, again.current)
-    np.testing.assert_allclose(first.q, again.q, rtol=0, atol=2 * case.noise.encoder)
-    assert 0.5 * case.noise.sigma < np.std(first.torque - again.torque) < 3.0 * case.noise.sigma
+    np.testing.assert_array_equal(first.q, again.q)
+    pairs = zip(case.recording.trajectories, case.repeated.trajectories, strict=True)
+    differ = np.array([np.std(a.torque - b.torque) for a, b in pairs])
+    error = differ.std(ddof=1) / np.sqrt(len(differ))  # of two noises; gains add half a per cent
+    assert differ.mean() == pytest.approx(np.sqrt(2.0) * case.noise.sigma, abs=4.0 * error)
     runs = [case.session(k).trajectories[0].q for k in range(3)]
     assert np.array_equal(runs[0], case.untouched.trajectories[0].q)
     assert all(np.abs(a - b).max() > 0.01 for a, b in ((runs[0], runs[1]), (runs[1], runs[2]), (runs[0], first.q)))

@@ -40,13 +40,14 @@ def test_a_gear_with_locked_output_has_play_and_compliance() -> None:
 def test_a_servo_has_friction_that_grows_with_its_load() -> None:
     """Published by model M3: 0.264 of what motor and load bear: 0.72 of a load that is driven, 0.42 of one that drives.
 
-    The pendulum has 0.0049 kg·m². The error stands over the samples at which the servo neither sticks nor turns round.
+    The pendulum has 0.0049 kg·m². The error stands over the samples at which the servo neither sticks nor turns round;
+    of these boosting leaves 0.136, and no law a tenth more.
     """
     found = diagnosed("servo_xl330")
     friction = {c.name: c for c in found.causes}["load_friction"].parameters
-    assert friction["F1"].value == pytest.approx(0.57, abs=0.12)
-    assert friction["inertia"].value == pytest.approx(0.0049, abs=0.0015)
-    assert {c.name for c in found.causes} == {"rotor_inertia", "load_friction"} and found.extended.nrmse < 0.15
+    share, inertia = (friction[name].ci95 or (0.0, 0.0) for name in ("F1", "inertia"))
+    assert 0.42 < share[0] < share[1] < 0.72 and inertia[0] < 0.0049 < inertia[1]
+    assert {c.name for c in found.causes} == {"rotor_inertia", "load_friction"} and found.extended.nrmse < 1.1 * 0.136
     assert any("sticks" in note for note in found.notes) and any("a reversal" in note for note in found.notes)
 
 

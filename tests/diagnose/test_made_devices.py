@@ -50,7 +50,8 @@ def geared_brake(folder: Path, rng: np.random.Generator) -> None:
 def test_a_geared_brake_has_play_and_a_spring(tmp_path: Path) -> None:
     """Play, spring, saturation and coil lag, and nothing else: each interval holds the truth.
 
-    The half-gap, the smallest way of all, is known to a notch of the encoder at most, which is 15 % of it.
+    The half-gap, the smallest way of all, is known to a notch of the encoder at most, which is 15 % of it. Left are
+    the noise of 0.02 N·m and, while the spring winds, a notch's rounding at 600 N·m/rad: 2 % of the torque at most.
     """
     geared_brake(tmp_path, np.random.default_rng(14))
     found = diagnose(load_recording(tmp_path))
@@ -101,11 +102,15 @@ def servo(folder: Path, rng: np.random.Generator) -> None:
 
 
 def test_a_servo_has_an_inertia_and_friction_that_grows_with_its_load(tmp_path: Path) -> None:
-    """Motor and load together bear twice the load and more, so the friction is 0.12 of the load or less."""
+    """Intervals lie where they must; the law lacks the 0.03 N·m more at low speed, and no more may be left.
+
+    Motor and load together press by once to twice the load: friction is between 0.06 and 0.12 of it.
+    """
     servo(tmp_path, np.random.default_rng(2))
     found = diagnose(load_recording(tmp_path))
     causes = {c.name: c for c in found.causes}
     assert set(causes) == {"rotor_inertia", "load_friction"}
-    assert causes["rotor_inertia"].parameters["inertia"].value == pytest.approx(0.0067, rel=0.06)
-    assert causes["load_friction"].parameters["F1"].value == pytest.approx(0.11, abs=0.03)
-    assert found.extended.nrmse < 0.1 and any("a reversal" in note for note in found.notes)
+    inertia = causes["rotor_inertia"].parameters["inertia"].ci95 or (0.0, 0.0)
+    friction = causes["load_friction"].parameters["F1"].ci95 or (0.0, 0.0)
+    assert inertia[0] < 0.0067 < inertia[1] < 1.2 * inertia[0] and 0.06 < friction[0] < friction[1] < 0.12
+    assert found.extended.rmse < 0.03 and any("a reversal" in note for note in found.notes)

@@ -14,6 +14,7 @@ from scipy.signal import savgol_filter
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from mrwarp.cli import main
+from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
 from mrwarp.robot_logs.causes import Parameter, parameters_of
@@ -40,6 +41,14 @@ from mrwarp.robot_logs.virtual.true_robot import Command, TrueRobot
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, cut_windows, held_rows
 from tests.robot_logs.arm_log import arm_log, six_joint_log
+
+BETWEEN = 0.0005
+"""Half a step of the replay, 1 ms: what its semi-implicit steps may come later than the truth's finer ones [s]."""
+
+
+def half(number: Value) -> float:
+    """Half of a number's 95 % interval."""
+    return 0.5 * (number.ci95[1] - number.ci95[0])
 
 
 def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
@@ -73,11 +82,12 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
     cause = result["causes"][0]
     assert (cause["name"], cause["where"]) == ("link_mass", "lower")
     mass = cause["parameters"]["mass"]
-    assert mass["value"] == pytest.approx(0.15, abs=0.015)
-    assert mass["ci95"][0] < 0.15 < mass["ci95"][1]
+    low, high = mass["ci95"]
+    assert low < 0.15 < high < low + 0.2 * 0.15  # all drives' torques and all masses are relative to each other
     assert result["sentence"] == f"lower: {mass['value']:.3g} kg heavier."
     robot = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
-    assert robot.body("lower").mass[0] == pytest.approx(0.5 + cause["parameters"]["mass"]["value"], abs=1e-4)
+    # the file holds six digits
+    assert robot.body("lower").mass[0] == pytest.approx(0.5 + cause["parameters"]["mass"]["value"], rel=1e-5)
 
 
 def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:
@@ -111,7 +121,7 @@ def test_an_arm_of_six_joints_takes_less_than_a_minute(tmp_path: Path) -> None:
     assert time.process_time() - begun < 60.0
     (cause,) = d.causes
     assert (cause.name, cause.where) == ("coulomb_friction", "j2")
-    assert cause.parameters["torque"].value == pytest.approx(0.8, abs=0.03)
+    assert 0.8 == pytest.approx(cause.parameters["torque"].value, abs=half(cause.parameters["torque"]))
     assert "walk" not in "".join(d.cannot_know)
 
 
@@ -119,8 +129,8 @@ def test_an_arm_of_six_joints_takes_less_than_a_minute(tmp_path: Path) -> None:
 def test_gains_that_the_log_does_not_tell_come_back(tmp_path: Path) -> None:
     """The robot's Kp is 15, the log says 12."""
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, kp=15.0))
-    found = {c.where: c.parameters["gain"].value for c in d.causes if c.name == "kp"}
-    assert found == {"robot": pytest.approx(15.0, rel=0.02)}
+    found = {c.where: c.parameters["gain"] for c in d.causes if c.name == "kp"}
+    assert list(found) == ["robot"] and found["robot"].value == pytest.approx(15.0, abs=half(found["robot"]))
 
 
 def test_torques_of_all_drives_together_cannot_be_known_in_the_air(tmp_path: Path) -> None:
@@ -138,7 +148,7 @@ def test_torques_of_all_drives_further_off_are_the_motors_strength(tmp_path: Pat
     log = load_log(arm_log(tmp_path, seconds=8.0))
     d = diagnose_log(tmp_path / "arm.xml", replace(log, kp=0.5 * log.kp, kd=0.5 * log.kd))
     assert [(c.name, c.where) for c in d.causes] == [("motor_strength", "robot")]
-    assert d.causes[0].parameters["factor"].value == pytest.approx(2.0, rel=0.02)
+    assert d.causes[0].parameters["factor"].value == pytest.approx(2.0, abs=half(d.causes[0].parameters["factor"]))
 
 
 def test_larger_kp_of_all_joints_is_smaller_kd_with_stronger_motors(tmp_path: Path) -> None:
@@ -174,9 +184,9 @@ def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
     """Commands act 14 ms late; a row is 5 ms."""
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, late=0.014))
     assert [(c.name, c.where) for c in d.causes] == [("command_delay", "robot")]
-    delay = d.causes[0].parameters["delay"].value
-    assert delay == pytest.approx(0.014, abs=0.001)
-    assert d.sentence == f"commands act {1e3 * delay:.1f} ms late."
+    delay = d.causes[0].parameters["delay"]
+    assert delay.value == pytest.approx(0.014, abs=half(delay) + BETWEEN)
+    assert d.sentence == f"commands act {1e3 * delay.value:.1f} ms late."
 
 
 def test_causes_with_which_parts_of_the_log_are_foretold_worse_are_not_named(
@@ -204,7 +214,8 @@ def test_commands_that_act_before_their_row_were_stamped_late(tmp_path: Path) ->
     late = [replace(run, joint={**run.joint, "q_des": np.roll(run.joint["q_des"], 3, axis=0)}) for run in log.runs]
     d = diagnose_log(tmp_path / "arm.xml", replace(log, runs=tuple(late)))
     assert [(c.name, c.where) for c in d.causes] == [("clock_shift", "commands")]
-    assert d.causes[0].parameters["shift"].value == pytest.approx(0.015, abs=0.001)
+    shift = d.causes[0].parameters["shift"]
+    assert shift.value == pytest.approx(0.015, abs=half(shift) + BETWEEN)
 
 
 def test_more_drag_than_described_is_dry_friction_or_it() -> None:
@@ -516,7 +527,8 @@ def test_friction_that_a_controller_compensates_is_told(tmp_path: Path) -> None:
 
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, extra=helped))
     assert [(c.name, c.where) for c in d.causes] == [("coulomb_friction", "elbow")]
-    assert d.causes[0].parameters["torque"].value == pytest.approx(-0.08, abs=0.01)
+    # to a tenth of the friction that is described, whose constraint gives way otherwise in the truth
+    assert d.causes[0].parameters["torque"].value == pytest.approx(-0.08, abs=0.1 * 0.1)
     assert any(note.startswith("less friction than described at elbow") for note in d.notes)
 
 
