@@ -99,7 +99,6 @@ def test_levels_come_out(name: str) -> None:
     if name == "command_delay":
         plain, late = (simulate(d, case.motion).torque for d in (case.device.with_effects({}), case.device))
         jumps = 0.5 * float(((late - plain) ** 2).max() / ((late - plain) ** 2).sum())
-        print(jumps)
     assert case.level == pytest.approx(0.4, rel=TOLERANCE + jumps)
 
 
