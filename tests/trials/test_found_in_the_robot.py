@@ -25,7 +25,7 @@ CURRENT, TRIALS = 1.5, 30
 
 @pytest.mark.slow
 def test_lag_found_on_the_bench_changes_the_impact_as_the_true_one() -> None:
-    """The lag is named to its interval; the robot then falls deeper and faster, to its interval as with the true lag."""
+    """The lag is named to its interval; the robot then falls deeper and faster, as with the true lag."""
     effects = Effects({"coil_lag": LAG, **NOISE})
     cfg = BenchCfg(effects=effects, trajectories=24, samples=38400, evaluation_samples=0, seed=3)
     found = diagnose(run_bench(cfg).fit)
