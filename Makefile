@@ -60,7 +60,7 @@ lint: $(READY)
 
 # the pages as a site in build/site, with the reference from the code; a warning is an error, no network is needed
 docs: $(READY)
-	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet --strict -f tools/site/mkdocs.yml
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict -f tools/site/mkdocs.yml
 
 format: $(READY)
 	$(PY) -m ruff check --fix .

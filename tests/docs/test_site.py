@@ -47,6 +47,14 @@ def test_the_site_loads_nothing_from_elsewhere() -> None:
     assert not content.keys() & {"extra_javascript", "extra_css"}
 
 
+def test_a_warning_of_the_site_is_an_error() -> None:
+    """mkdocs counts warnings only where it prints them: with ``--quiet`` a broken link passes ``--strict``."""
+    (command,) = re.findall(r"^docs:.*\n\t(.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert "--strict" in command and "--quiet" not in command and " -q" not in command
+    checks = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))["validation"]
+    assert {level for part in checks.values() for level in part.values()} == {"warn"}
+
+
 def test_the_python_reference_has_every_public_name() -> None:
     """Each with the place of its definition."""
     text = hooks().python_page()
