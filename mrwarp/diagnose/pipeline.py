@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
@@ -20,20 +20,20 @@ from mrwarp.diagnose.baseline import (
     with_learned_noise,
 )
 from mrwarp.diagnose.calibration_shift import calibration_shifts
-from mrwarp.diagnose.checks.recording_faults import recording_faults, zeros_about
-from mrwarp.diagnose.checks.spikes import spikes_of
+from mrwarp.diagnose.checks.recording_faults import RecordingFault, recording_faults, zeros_about
+from mrwarp.diagnose.checks.spikes import Spikes, spikes_of
 from mrwarp.diagnose.data_checks import hindrances, rejections, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.first_answer import being_checked, first_answer
-from mrwarp.diagnose.held_out import account_of, hold_out, not_predicted
-from mrwarp.diagnose.law_choice import choose_law, misfits
+from mrwarp.diagnose.held_out import Account, HeldOut, account_of, hold_out, not_predicted
+from mrwarp.diagnose.law_choice import LawChoice, choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit
-from mrwarp.diagnose.proof import select_proven, without_parts
-from mrwarp.diagnose.residual_structure import find_line, without_line
-from mrwarp.diagnose.result import Diagnosis, Shift
-from mrwarp.diagnose.screening import Models
-from mrwarp.diagnose.search import best_single, screen_candidates
+from mrwarp.diagnose.proof import Rejection, select_proven, without_parts
+from mrwarp.diagnose.residual_structure import Line, find_line, without_line
+from mrwarp.diagnose.result import Diagnosis
+from mrwarp.diagnose.screening import Candidate, Models
+from mrwarp.diagnose.search import Selection, best_single, screen_candidates
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.checks.stated import stated_numbers
 from mrwarp.identify.fit import fit_holding
@@ -74,48 +74,153 @@ def diagnose(
     """
     log = progress or (lambda text: None)
     begun = time.perf_counter()
-    reasons = hindrances(recording)
-    if reasons:
-        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+
+    def rejected_for(reasons: list[str], faults: tuple[RecordingFault, ...] = ()) -> Diagnosis:
+        result = without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+        return replace(result, recording_faults=faults)
+
+    if reasons := hindrances(recording):
+        return rejected_for(reasons)
+    session = _prepared(recording, effects, model=model, threads=threads, seed=seed, log=log)
+    answer = first_answer(
+        session.recording, session.problem, session.base, session.screened, faults=session.faults, begun=begun,
+        seed=seed,
+    )  # fmt: skip
+    log(being_checked(answer.sentence))
+    if not answered(answer):
+        return answer
+    session, line = _well_read(_with_law(session, log), log)
+    session, models, selection, rejected = _searched(session, log)
+    problem, recording = session.problem, session.recording
+    held_out = hold_out(problem, selection, models.reported(selection.base), models.reported(selection.final))
+    if reasons := rejections(held_out, selection, problem):
+        return rejected_for(reasons, session.faults)
+    selection, parts, held_out, account = _accounted(session, models, selection, held_out, seed, log)
+    law = session.base.parameters.law
+    log("smallest sizes that would have shown")
+    sizes = smallest_sizes(problem, selection.final, session.candidates)
+    log("next experiment")
+    found = Findings(
+        recording=recording,
+        faults=session.faults,
+        problem=problem,
+        selection=selection,
+        rejected=rejected + parts,
+        baseline=models.reported(selection.base),
+        extended=models.reported(selection.final),
+        held_out=held_out,
+        account=account,
+        law=session.law,
+        line=line,
+        sizes=sizes,
+        shifts=() if law else calibration_shifts(selection.final, problem.motion, recording, model),
+        next_experiment=propose(problem, selection, seed),
+        spikes=session.spikes,
+        notes=session.notes,
+        seed=seed,
+    )
+    result = diagnosis_of(found, begun)
+    known = stated_numbers(recording)
+    models = (_completed(x, model, holding, known) if x else None for x in (result.model, result.baseline_model))
+    return replace(result, **dict(zip(("model", "baseline_model"), models, strict=True)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Session:
+    """A recording made ready, its baseline, and what each effect would add to it."""
+
+    recording: Recording
+    faults: tuple[RecordingFault, ...]
+    notes: tuple[str, ...]
+    effects: Collection[str] | None
+    """Effects that may be named; None: all of the catalogue."""
+    spikes: Spikes | None
+    problem: Problem
+    base: Fit
+    candidates: list[str]
+    screened: list[Candidate]
+    """Every candidate on top of the baseline, best first."""
+    law: LawChoice | None = None
+    misfit: bool = False
+    """Whether the baseline's mismatch was structured before its noise was judged."""
+
+    def about(self, problem: Problem, base: Fit) -> _Session:
+        """Another problem and its baseline, with the candidates of these."""
+        candidates = _candidates(problem, base, self.effects)
+        return replace(self, candidates=candidates).screened_again(problem, base)
+
+    def screened_again(self, problem: Problem, base: Fit) -> _Session:
+        """Another reading or noise of the problem, with the same candidates."""
+        return replace(self, problem=problem, base=base, screened=screen_candidates(problem, base, self.candidates))
+
+
+def _prepared(
+    recording: Recording,
+    effects: Collection[str] | None,
+    *,
+    model: Model | None,
+    threads: int,
+    seed: int,
+    log: Progress,
+) -> _Session:
+    """A recording without the faults that can be undone, its baseline, and a first look at every candidate."""
     recording, faults = recording_faults(recording)
     for fault in faults:
         log(fault.sentence)
     recording, decimated = decimate(recording)
     given = {"model": model, "threads": threads, "seed": seed, "log": log}
-    first, base = fit_baseline(recording, **given)
-    spikes = spikes_of(first, base, recording)
+    problem, base = fit_baseline(recording, **given)
+    spikes = spikes_of(problem, base, recording)
     if spikes is not None:
         log(spikes.sentence)
-        first, base = fit_baseline(recording, **given, known=spikes.known)
-    candidates = _candidates(first, base, effects)
+        problem, base = fit_baseline(recording, **given, known=spikes.known)
+    candidates = _candidates(problem, base, effects)
     log(f"{len(candidates)} effects as candidates")
-    screened = screen_candidates(first, base, candidates)
-    answer = first_answer(recording, first, base, screened, faults=faults, begun=begun, seed=seed)
-    log(being_checked(answer.sentence))
-    if not answered(answer):
-        return answer
-    choice, other, other_base = choose_law(first, base, screened, [run.id for run in recording.trajectories], log)
+    return _Session(
+        recording=recording,
+        faults=faults,
+        notes=(decimated,) if decimated else (),
+        effects=effects,
+        spikes=spikes,
+        problem=problem,
+        base=base,
+        candidates=candidates,
+        screened=screen_candidates(problem, base, candidates),
+    )
+
+
+def _with_law(session: _Session, log: Progress) -> _Session:
+    """The session with another law in eq. 15's place where that is better, and plain errors where these must decide."""
+    problem, base, recording = session.problem, session.base, session.recording
+    choice, other, other_base = choose_law(
+        problem, base, session.screened, [run.id for run in recording.trajectories], log
+    )
+    faults = session.faults
     if choice is not None and choice.offsets:
         faults = (*faults, zeros_about(recording, choice.offsets, choice.moved))
-    as_whitened = first
     if choice is not None and choice.other:
-        first, base = plain_problem(other, other_base)
-        if not misfits(first, base):
-            first, base = judged(first, base, log)
-    misfit_first = first.misfit
-    if misfits(first, base) and not misfit_first:  # whitened differences would decide by what is quick
+        problem, base = plain_problem(other, other_base)
+        if not misfits(problem, base):
+            problem, base = judged(problem, base, log)
+    misfit = problem.misfit
+    if misfits(problem, base) and not misfit:  # whitened differences would decide by what is quick
         log("the mismatch is structured: plain simulation error decides")
-        first, base = with_learned_noise(replace(first, misfit=True), base)
-    if first is not as_whitened:
-        candidates = _candidates(first, base, effects)
-        screened = screen_candidates(first, base, candidates)
+        problem, base = with_learned_noise(replace(problem, misfit=True), base)
+    found = replace(session, faults=faults, law=choice, misfit=misfit)
+    return found if problem is session.problem else found.about(problem, base)
 
-    # the best guess so far says how the log is to be read, and what is noise
-    best = best_single(first, base, screened) or base
+
+def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]:
+    """The session with its log read as the best guess so far asks for, and its noise without that guess.
+
+    With it comes a line of the spectrum that was set aside.
+    """
+    first, base = session.problem, session.base
+    best = best_single(first, base, session.screened) or base
     problem = begin_under_way(first, best)
     if problem is not first:
         log("trajectories begin under way")
-    smooth = smooth_motion(problem, recording, best)
+    smooth = smooth_motion(problem, session.recording, best)
     if smooth is not problem:
         if smooth.motion is not problem.motion:
             log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
@@ -128,72 +233,54 @@ def diagnose(
         best = refit(problem, best)
     if problem is not first or best is not base:
         log(f"noise without {', '.join(best.effects) or 'line'}")
-        misfit = misfit_first or (problem.misfit and misfits(problem, best))
+        misfit = session.misfit or (problem.misfit and misfits(problem, best))
         problem, best = with_learned_noise(replace(problem, misfit=misfit), best)
     aligned = align_clocks(problem, best)
     if aligned is not problem:
         log(f"torque is logged {aligned.motion.ahead:.2f} samples ahead of the motion")
         problem = replace(aligned, noise=learn_noise(aligned, refit(aligned, best)))
-    if problem is not first:
-        base = refit(problem, base)
-        screened = screen_candidates(problem, base, candidates)
+    if problem is first:
+        return session, line
+    return session.screened_again(problem, refit(problem, base)), line
 
-    models = Models(problem, base)
-    selection, rejected = select_proven(models, screened, log)
+
+def _searched(session: _Session, log: Progress) -> tuple[_Session, Models, Selection, tuple[Rejection, ...]]:
+    """Causes that are proven, and those that are not, with the session and the models in which they were found.
+
+    Where all causes together leave less noise than the first of them did, they are searched again with that noise.
+    """
+    models = Models(session.problem, session.base)
+    selection, rejected = select_proven(models, session.screened, log)
     most = rejected[0].fit if rejected else selection.final
-    noise = learn_noise(problem, most)
-    if noise.gain < _TIGHTER * problem.noise.gain:  # the causes together leave less than the first of them did
+    noise = learn_noise(session.problem, most)
+    if noise.gain < _TIGHTER * session.problem.noise.gain:
         log(f"noise without {', '.join(most.effects)}")
-        problem = replace(problem, noise=noise)
-        base = refit(problem, base)
-        screened = screen_candidates(problem, base, candidates)
-        models = Models(problem, base)
-        selection, rejected = select_proven(models, screened, log)
-    baseline, extended = models.reported(selection.base), models.reported(selection.final)
-    held_out = hold_out(problem, selection, baseline, extended)
-    reasons = rejections(held_out, selection, problem)
-    if reasons:
-        return replace(without_verdict(recording, reasons, seed, time.perf_counter() - begun), recording_faults=faults)
+        problem = replace(session.problem, noise=noise)
+        session = session.screened_again(problem, refit(problem, session.base))
+        models = Models(problem, session.base)
+        selection, rejected = select_proven(models, session.screened, log)
+    return session, models, selection, rejected
+
+
+def _accounted(
+    session: _Session, models: Models, selection: Selection, held_out: HeldOut, seed: int, log: Progress
+) -> tuple[Selection, tuple[Rejection, ...], HeldOut, Account]:
+    """Where the mismatch goes, once causes are taken out that may be a part of what repeats without a name."""
+    problem = session.problem
     log("what repeats")
-    unpredicted = not_predicted(problem, held_out, extended, seed)
-    account = account_of(problem, held_out, unpredicted, seed, law=bool(base.parameters.law), spikes=spikes)
-    selection, parts = without_parts(models, selection, account)
+    unpredicted = not_predicted(problem, held_out, models.reported(selection.final), seed)
+
+    def account(held_out: HeldOut) -> Account:
+        law = bool(session.base.parameters.law)
+        return account_of(problem, held_out, unpredicted, seed, law=law, spikes=session.spikes)
+
+    found = account(held_out)
+    selection, parts = without_parts(models, selection, found)
     if parts:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
-        rejected += parts
-        extended = models.reported(selection.final)
-        held_out = hold_out(problem, selection, baseline, extended)
-        account = account_of(problem, held_out, unpredicted, seed, law=bool(base.parameters.law), spikes=spikes)
-    shifts: tuple[Shift, ...] = ()
-    if not base.parameters.law:
-        shifts = calibration_shifts(selection.final, problem.motion, recording, model)
-    log("smallest sizes that would have shown")
-    sizes = smallest_sizes(problem, selection.final, candidates)
-    log("next experiment")
-    next_experiment = propose(problem, selection, seed)
-    found = Findings(
-        recording=recording,
-        faults=faults,
-        problem=problem,
-        selection=selection,
-        rejected=rejected,
-        baseline=baseline,
-        extended=extended,
-        held_out=held_out,
-        account=account,
-        law=choice,
-        line=line,
-        sizes=sizes,
-        shifts=shifts,
-        next_experiment=next_experiment,
-        spikes=spikes,
-        notes=(decimated,) if decimated else (),
-        seed=seed,
-    )
-    result = diagnosis_of(found, begun)
-    known = stated_numbers(recording)
-    models = (_completed(x, model, holding, known) if x else None for x in (result.model, result.baseline_model))
-    return replace(result, **dict(zip(("model", "baseline_model"), models, strict=True)))
+        held_out = hold_out(problem, selection, models.reported(selection.base), models.reported(selection.final))
+        found = account(held_out)
+    return selection, parts, held_out, found
 
 
 def _completed(fitted: Model, nominal: Model | None, holding: Holding | None, known: Mapping[str, Parameter]) -> Model:

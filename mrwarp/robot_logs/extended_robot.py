@@ -104,38 +104,53 @@ def _write_mjcf(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: P
     for name in ("meshdir", "texturedir"):
         own = getattr(spec, name)
         setattr(spec, name, os.path.relpath(d.model.path.resolve().parent / own, path.resolve().parent))
-    mj, bodies = d.model.model, {b.name: b for b in spec.bodies}
+    bodies = {b.name: b for b in spec.bodies}
     for (field, k), x in change.items():
         if field in ("mass", "com"):
-            b = k if field == "mass" else d.model.trunk
-            body = bodies[mj.body(b).name]
-            if not body.explicitinertial:
-                body.mass, body.ipos, body.iquat = mj.body_mass[b], mj.body_ipos[b], mj.body_iquat[b]
-                body.inertia, body.fullinertia, body.explicitinertial = mj.body_inertia[b], [np.nan] * 6, True
-            if field == "com":
-                ipos = np.array(body.ipos)
-                ipos[k] += x
-                body.ipos = ipos
-                continue
-            factor = max(mj.body_mass[b] + x, 1e-4) / mj.body_mass[b]
-            body.mass = body.mass * factor
-            body.inertia, body.fullinertia = np.array(body.inertia) * factor, np.array(body.fullinertia) * factor
+            _change_mass(d, bodies, field, k, x)
         elif field == "length":
-            body, far = bodies[mj.body(k).name], 1.0 + x / d.model.reach[k]
+            body, far = bodies[d.model.model.body(k).name], 1.0 + x / d.model.reach[k]
             for item in [*body.bodies, *body.geoms]:
                 item.pos = np.array(item.pos) * far
         elif field in ("friction", "damping", "armature"):
             joint, v = spec.joint(d.log.joints[k]), d.model.v_adr[k]
             name = {"friction": "frictionloss"}.get(field, field)
-            value = max(float(getattr(mj, f"dof_{name}")[v]) + x, 0.0)
+            value = max(float(getattr(d.model.model, f"dof_{name}")[v]) + x, 0.0)
             setattr(joint, name, [value, 0.0, 0.0] if np.ndim(getattr(joint, name)) else value)
         elif field == "mu":
             for geom in spec.geoms:
                 geom.friction = np.array(geom.friction) * [max(1.0 + x, 0.02), 1.0, 1.0]
+    write_text(path, _xml(spec, path))
+    return path.name
+
+
+def _change_mass(d: RobotDiagnosis, bodies: dict, field: str, k: int, x: float) -> None:
+    """Change the mass of body ``k`` by ``x``, or the trunk's centre of mass along axis ``k``."""
+    mj, b = d.model.model, k if field == "mass" else d.model.trunk
+    body = bodies[mj.body(b).name]
+    if not body.explicitinertial:
+        body.mass, body.ipos, body.iquat = mj.body_mass[b], mj.body_ipos[b], mj.body_iquat[b]
+        body.inertia, body.fullinertia, body.explicitinertial = mj.body_inertia[b], [np.nan] * 6, True
+    if field == "com":
+        ipos = np.array(body.ipos)
+        ipos[k] += x
+        body.ipos = ipos
+        return
+    factor = max(mj.body_mass[b] + x, 1e-4) / mj.body_mass[b]
+    body.mass = body.mass * factor
+    body.inertia, body.fullinertia = np.array(body.inertia) * factor, np.array(body.fullinertia) * factor
+
+
+def _xml(spec: mujoco.MjSpec, path: Path) -> str:
+    """A robot as MJCF; where it cannot be compiled, most often for meshes that are not here, with the replay's shapes.
+
+    Raises:
+        LogError: MuJoCo cannot simulate it.
+    """
     try:
         with silent():
-            text = spec.to_xml()
-    except Exception:  # meshes that are not here, most often: the shapes of the replay are written
+            return spec.to_xml()
+    except Exception:
         try:
             with silent():
                 for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH]:
@@ -143,11 +158,9 @@ def _write_mjcf(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: P
                 for mesh in list(spec.meshes):
                     spec.delete(mesh)
                 spec.compile()
-                text = spec.to_xml()
+                return spec.to_xml()
         except Exception as error:
             raise LogError(f"{path}: the corrections leave no robot that MuJoCo can simulate ({error})") from None
-    write_text(path, text)
-    return path.name
 
 
 def _write_usd(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: Path) -> str:

@@ -166,22 +166,9 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         if body is None:
             raise LogError(f"{path}: there is no body that could float; the log says base = free")
         body.add_freejoint()
-    known = [joint.name for joint in spec.joints]
-    for joint in log.joints:
-        if joint not in known:
-            near = difflib.get_close_matches(joint, known, 1)
-            hint = f"; is it {near[0]}?" if near else "; name the log's joints as the robot does, in joints of a map"
-            raise LogError(f"{path}: the log's joint {joint} is not among the robot's ({', '.join(known)}){hint}")
+    _check_joints(path, log, [joint.name for joint in spec.joints])
     limits = _torque_limits(spec) | drives
-    for item in [*spec.actuators, *spec.sensors, *spec.keys]:
-        spec.delete(item)
-    for k, joint in enumerate(log.joints):
-        drive = spec.add_actuator(name=f"drive {joint}", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-        drive.gainprm[0] = 1.0
-        drive.biasprm[1], drive.biasprm[2] = -float(log.kp[k]), -float(log.kd[k])
-        drive.ctrllimited = False
-        drive.forcelimited, drive.forcerange = True, limits.get(joint, [-NO_LIMIT, NO_LIMIT])
+    _drive(spec, log, limits)
     if log.base == "free" and not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in spec.worldbody.geoms):
         ground = spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
         ground.contype, ground.conaffinity = 2**31 - 1, int(not drives)  # of a USD file the feet alone touch it
@@ -219,6 +206,28 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
     )
     many = path.suffix == ".urdf" and len(set(found.limbs.values())) >= FEWEST_LEGS
     return replace(found, legged=True) if many else found
+
+
+def _check_joints(path: Path, log: RobotLog, known: list[str]) -> None:
+    """Refuse a log with joints that are not among those ``known``."""
+    for joint in log.joints:
+        if joint not in known:
+            near = difflib.get_close_matches(joint, known, 1)
+            hint = f"; is it {near[0]}?" if near else "; name the log's joints as the robot does, in joints of a map"
+            raise LogError(f"{path}: the log's joint {joint} is not among the robot's ({', '.join(known)}){hint}")
+
+
+def _drive(spec: mujoco.MjSpec, log: RobotLog, limits: dict) -> None:
+    """Drives with the log's gains in place of all that the robot has; ``limits`` are their torques, by joint."""
+    for item in [*spec.actuators, *spec.sensors, *spec.keys]:
+        spec.delete(item)
+    for k, joint in enumerate(log.joints):
+        drive = spec.add_actuator(name=f"drive {joint}", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        drive.gainprm[0] = 1.0
+        drive.biasprm[1], drive.biasprm[2] = -float(log.kp[k]), -float(log.kd[k])
+        drive.ctrllimited = False
+        drive.forcelimited, drive.forcerange = True, limits.get(joint, [-NO_LIMIT, NO_LIMIT])
 
 
 def _devices(log: RobotLog, params: dict[str, MrParams]) -> Devices:

@@ -363,35 +363,15 @@ def check_run(run: LogRun, joints: Sequence[str], refuse: Callable[[str, str], E
     Raises:
         Exception: what ``refuse`` makes of a problem and the column that has it.
     """
-    for channel, values in (*run.joint.items(), *run.base.items()):
-        for k, x in enumerate(values.T):
-            bad = np.flatnonzero(~np.isfinite(x))
-            if (
-                len(bad)
-                and channel not in SLOW
-                and not (channel in run.joint and len(bad) == len(x) and channel != "q")
-            ):
-                where = joints[k] if channel in run.joint else BASE_CHANNELS[channel][k]
-                raise refuse(f"row {bad[0] + 1}: no number; leave the channel out, or repair it", f"{channel}.{where}")
-    for channel in ("q", "q_des"):
-        for k, joint in enumerate(joints if channel in run.joint else ()):
-            x = run.joint[channel][:, k]
-            x = x[np.isfinite(x)]
-            if len(x) == 0:
-                continue
-            large, path = float(np.quantile(np.abs(x), 0.99)), float(np.abs(np.diff(x)).sum())
-            turning = abs(x[-1] - x[0]) > 0.8 * path  # a wheel goes round in one direction
-            if large > LARGEST_ANGLE and not turning:
-                hint = 'are these degrees? then write "units": {"q": "deg", "q_des": "deg"} into log.json'
-                raise refuse(f"angles of up to {large:.4g} rad; {hint}", f"{channel}.{joint}")
-    if "qd" in run.joint:
-        for k, joint in enumerate(joints):
-            slope = _slope(run, k)
-            if slope is not None and (20.0 < abs(slope) < 200.0 or 0.005 < abs(slope) < 0.05):
-                hint = 'is it in deg/s? then write "units": {"qd": "deg/s"} into log.json'
-                raise refuse(f"{slope:.3g} times what the angle's change gives; {hint}", f"qd.{joint}")
-            if slope is not None and slope < -0.5:
-                raise refuse("turns the other way than the angle; change the sign of one of them", f"qd.{joint}")
+    _check_numbers(run, joints, refuse)
+    _check_angles(run, joints, refuse)
+    for k, joint in enumerate(joints if "qd" in run.joint else ()):
+        slope = _slope(run, k)
+        if slope is not None and (20.0 < abs(slope) < 200.0 or 0.005 < abs(slope) < 0.05):
+            hint = 'is it in deg/s? then write "units": {"qd": "deg/s"} into log.json'
+            raise refuse(f"{slope:.3g} times what the angle's change gives; {hint}", f"qd.{joint}")
+        if slope is not None and slope < -0.5:
+            raise refuse("turns the other way than the angle; change the sign of one of them", f"qd.{joint}")
     if "quat" in run.base:
         size = np.linalg.norm(run.base["quat"], axis=1)
         if np.abs(size - 1.0).max() > 0.05:
@@ -403,6 +383,31 @@ def check_run(run: LogRun, joints: Sequence[str], refuse: Callable[[str, str], E
         if 0.8 < size < 1.25:
             raise refuse(f'a mean of {size:.3g} m/s²; is it in g? then write "units": {{"acc": "g"}}', "acc.z")
     return run
+
+
+def _check_numbers(run: LogRun, joints: Sequence[str], refuse: Callable[[str, str], Exception]) -> None:
+    """Refuse rows that are no numbers, but for slow channels, and those that a joint does not have."""
+    for channel, values in (*run.joint.items(), *run.base.items()):
+        for k, x in enumerate(values.T):
+            bad = np.flatnonzero(~np.isfinite(x))
+            lacking = channel in run.joint and len(bad) == len(x) and channel != "q"
+            if len(bad) and channel not in SLOW and not lacking:
+                where = joints[k] if channel in run.joint else BASE_CHANNELS[channel][k]
+                raise refuse(f"row {bad[0] + 1}: no number; leave the channel out, or repair it", f"{channel}.{where}")
+
+
+def _check_angles(run: LogRun, joints: Sequence[str], refuse: Callable[[str, str], Exception]) -> None:
+    """Refuse angles in degrees; a wheel goes round in one direction."""
+    for channel in ("q", "q_des"):
+        for k, joint in enumerate(joints if channel in run.joint else ()):
+            x = run.joint[channel][:, k]
+            x = x[np.isfinite(x)]
+            if len(x) == 0:
+                continue
+            large, path = float(np.quantile(np.abs(x), 0.99)), float(np.abs(np.diff(x)).sum())
+            if large > LARGEST_ANGLE and abs(x[-1] - x[0]) <= 0.8 * path:
+                hint = 'are these degrees? then write "units": {"q": "deg", "q_des": "deg"} into log.json'
+                raise refuse(f"angles of up to {large:.4g} rad; {hint}", f"{channel}.{joint}")
 
 
 def _slope(run: LogRun, k: int) -> float | None:

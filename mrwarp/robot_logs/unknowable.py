@@ -152,23 +152,6 @@ def cannot_know(
         shown: Causes that the verdict speaks of: named ones, their alternatives and suspects. The log shows them.
     """
     motions, spoken_of = motions_of(model), {k for d in shown for k in d.members}
-    asked = np.zeros(log.kp.shape, dtype=bool)
-    for run in log.runs:  # one without commands may have had any
-        asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
-    unseen: dict[str, list[str]] = {}
-    known: dict[str, int] = {}
-    for k, p in enumerate(parameters):
-        if p.cause not in MOTIONS or p.field == "limit" or (p.field == "mu" and holds is not None):
-            continue
-        information = 1.0 / now.covariance[k, k] - now.precision[k, k]
-        sure = k in spoken_of or (
-            (p.field not in COIL or asked[p.index])
-            and information > 0.0
-            and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
-        )
-        known[p.cause] = known.get(p.cause, 0) + int(sure)
-        if not sure:
-            unseen.setdefault(p.cause, []).append(p.where)
     found = []
     if not model.free:
         if model.legged:
@@ -177,8 +160,7 @@ def cannot_know(
             found += [f"{cause}: no motion shows it while the robot's base is fixed" for cause in OF_A_BASE]
         if "tau" not in evidence.sigma and not any(d.cause == "motor_strength" and d.where == "robot" for d in shown):
             found.append(f"motor_strength of robot: {LIKE_MASSES}; {motions['motor_strength'].what}")
-    for cause, places in unseen.items():
-        where = "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
+    for cause, where in _unseen(parameters, log, now, spoken_of, slips=holds is None).items():
         found.append(f"{cause}{where}: no size would have shown in this log; {motions[cause].what}")
     for cause, why in NOT_LOOKED_FOR.items():
         if cause == "backlash" or model.devices:
@@ -194,6 +176,36 @@ def cannot_know(
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
+
+
+def _unseen(
+    parameters: Sequence[Parameter], log: RobotLog, now: Posterior, spoken_of: set[int], *, slips: bool
+) -> dict[str, str]:
+    """Causes of which no size would have shown, with their places in words: none where it showed at no place.
+
+    ``spoken_of`` are parameters that the verdict speaks of; without ``slips`` friction of the ground is another matter.
+    """
+    asked = np.zeros(log.kp.shape, dtype=bool)
+    for run in log.runs:  # one without commands may have had any
+        asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
+    unseen: dict[str, list[str]] = {}
+    known: dict[str, int] = {}
+    for k, p in enumerate(parameters):
+        if p.cause not in MOTIONS or p.field == "limit" or (p.field == "mu" and not slips):
+            continue
+        information = 1.0 / now.covariance[k, k] - now.precision[k, k]
+        sure = k in spoken_of or (
+            (p.field not in COIL or asked[p.index])
+            and information > 0.0
+            and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
+        )
+        known[p.cause] = known.get(p.cause, 0) + int(sure)
+        if not sure:
+            unseen.setdefault(p.cause, []).append(p.where)
+    return {
+        cause: "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
+        for cause, places in unseen.items()
+    }
 
 
 def _limit(model: ReplayModel, joint: int) -> float:
