@@ -56,6 +56,7 @@ lint: $(READY)
 	$(PY) -m mrwarp reproduce docs --only-check
 	$(PY) -m mrwarp device page --only-check
 	$(PY) tools/plain_words.py
+	$(PY) -m pytest -q tests/test_method_size.py
 	$(MAKE) docs
 
 # the pages as a site in build/site, with the reference from the code; a warning is an error, no network is needed

@@ -1,12 +1,46 @@
-"""The method stays readable: functions that fit on a screen, and no more numbers that decide than there are."""
+"""The method of identification stays readable: functions that fit on a screen, and no more deciding numbers than now.
+
+``make lint`` runs this file, and Ruff's PLR0912 and PLR0915 count branches and statements.
+"""
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-METHOD = ("sysid", "diagnose", "identify", "robot_logs")
-FILES = [path for package in METHOD for path in sorted((ROOT / "mrwarp" / package).rglob("*.py"))]
-MOST_LINES, MOST_BRANCHES = 60, 12
-"""Of a function, without its docstring."""
-LONG: dict[str, tuple[int, int]] = {}
-"""Functions that are longer, with the lines and branches that they may have: to be split, never to be added to."""
+PACKAGES = ("sysid", "diagnose", "identify", "robot_logs")
+FILES = [path for package in PACKAGES for path in sorted((ROOT / "mrwarp" / package).rglob("*.py"))]
+LINES = 60
+"""Most lines of a function, without its head and docstring."""
+LONGER = {"mrwarp/robot_logs/robot_fit.py:_loudest": 74}
+"""Functions that are longer still, with the lines that they may have: to be split, never to grow."""
+NUMBERS = {"sysid": 3, "diagnose": 295, "identify": 172, "robot_logs": 291}
+"""Numbers in assignments at module level, by package, physics and units among them: each goes down only."""
+
+
+def _length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    body = function.body[1:] if ast.get_docstring(function) and len(function.body) > 1 else function.body
+    return (function.end_lineno or 0) - body[0].lineno + 1
+
+
+def test_functions_of_the_method_fit_on_a_screen() -> None:
+    """At most 60 lines; the few that are longer do not grow, and leave the list once they are split."""
+    found = {}
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _length(node) > LINES:
+                found[f"{path.relative_to(ROOT).as_posix()}:{node.name}"] = _length(node)
+    assert found.keys() <= LONGER.keys(), found
+    assert all(length <= LONGER[name] for name, length in found.items()), found
+
+
+def test_numbers_of_the_method_go_down_only() -> None:
+    """A threshold more needs one less; settings have a unit, a reason, and what set them."""
+    found = Counter()
+    for path in FILES:
+        package = path.relative_to(ROOT / "mrwarp").parts[0]
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+                values = (x.value for x in ast.walk(node.value) if isinstance(x, ast.Constant))
+                found[package] += sum(isinstance(x, int | float) and not isinstance(x, bool) for x in values)
+    assert {package: found[package] for package in PACKAGES if found[package] > NUMBERS[package]} == {}

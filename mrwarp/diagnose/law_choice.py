@@ -152,13 +152,9 @@ def choose_law(
         for name in extra:
             x[layout.own(name)] = paper.x[paper.layout.own(name)]
         found = min(found, search.descend(layout, x), key=error)
-
-    def clear(paper: Solution, found: Solution) -> bool:
-        return by_ratio(paper.held_out, found.held_out) > LEAST_T and error(found) < (1.0 - MARGIN) ** 2 * error(paper)
-
-    taken = clear(paper, found)
+    taken = _clear(paper, found)
     if not taken and error(found) < error(paper):  # what stands before the shaft bends the loop of either most
-        taken = clear(_behind(search, paper), _behind(search, found))
+        taken = _clear(_behind(search, paper), _behind(search, found))
     fewer = len(slots_of(best)) < len(SHAPE) and error(found) < (1.0 + SIMPLER) ** 2 * error(paper)
     simpler = not taken and problem.unchanging and fewer
     found = laws[best]
@@ -177,6 +173,12 @@ def choose_law(
     log(f"the hysteresis has another shape: {choice.title}")
     layout = problem.parameters([name for name in found.layout.effects if name not in inertia])
     return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
+
+
+def _clear(paper: Solution, found: Solution) -> bool:
+    """Whether another law predicts clearly better than the paper's."""
+    after, before = found.held_out.sum(), paper.held_out.sum()
+    return by_ratio(paper.held_out, found.held_out) > LEAST_T and bool(after < (1.0 - MARGIN) ** 2 * before)
 
 
 def may_follow_another_law(problem: Problem, base: Fit) -> bool:

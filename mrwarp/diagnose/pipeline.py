@@ -74,13 +74,8 @@ def diagnose(
     """
     log = progress or (lambda text: None)
     begun = time.perf_counter()
-
-    def rejected_for(reasons: list[str], faults: tuple[RecordingFault, ...] = ()) -> Diagnosis:
-        result = without_verdict(recording, reasons, seed, time.perf_counter() - begun)
-        return replace(result, recording_faults=faults)
-
     if reasons := hindrances(recording):
-        return rejected_for(reasons)
+        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     session = _prepared(recording, effects, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(
         session.recording, session.problem, session.base, session.screened, faults=session.faults, begun=begun,
@@ -94,7 +89,8 @@ def diagnose(
     problem, recording = session.problem, session.recording
     held_out = hold_out(problem, selection, models.reported(selection.base), models.reported(selection.final))
     if reasons := rejections(held_out, selection, problem):
-        return rejected_for(reasons, session.faults)
+        result = without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+        return replace(result, recording_faults=session.faults)
     selection, parts, held_out, account = _accounted(session, models, selection, held_out, seed, log)
     law = session.base.parameters.law
     log("smallest sizes that would have shown")

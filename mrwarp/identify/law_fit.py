@@ -240,11 +240,7 @@ def fit_law(
     if zeros_moved(best, plain):
         best, zeros = _with_zeros(search, best)
         offsets = {run.id: float(zero) * scales.torque for run, zero in zip(runs, zeros, strict=True)}
-        spread = np.array(list(offsets.values()))
-        warnings.append(
-            f"the zero of the {recording.units['torque']} reading moves from run to run, from {spread.min():+.4g} to "
-            f"{spread.max():+.4g} about D: each run counts with its own (offsets in result.json)"
-        )
+        warnings.append(_moving_zeros(recording.units["torque"], np.array(list(offsets.values()))))
         simulated = best.torque + np.repeat(zeros, np.diff(motion.start))
     else:
         best, simulated = plain, plain.torque
@@ -275,6 +271,14 @@ def fit_law(
         held_out=held if len(runs) > 1 else None,
         **misfit(recording, simulated, motion, warnings),
     )  # fmt: skip
+
+
+def _moving_zeros(unit: str, zeros: np.ndarray) -> str:
+    """Warning that zeros of the runs differ, shape (T,) [unit]."""
+    return (
+        f"the zero of the {unit} reading moves from run to run, from {zeros.min():+.4g} to {zeros.max():+.4g} about D: "
+        "each run counts with its own (offsets in result.json)"
+    )
 
 
 def _with_zeros(search: LawSearch, best: Solution) -> tuple[Solution, np.ndarray]:

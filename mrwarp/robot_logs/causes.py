@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -117,73 +118,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             )
         )  # fmt: skip
 
-    mj = model.model
-    for j, joint in enumerate(model.joints):
-        v = model.v_adr[j]
-        scale = _torque_scale(model, log, j)
-        inertia = float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
-        dry, wet = scale * np.array([0.01, 0.02, 0.005, 0.05]), scale * np.array([0.002, 0.006, 0.002, 0.02])
-        rotor = inertia * np.array([0.05, 0.5, 0.05, 2.0])
-        rotor[2] = max(rotor[2], UNKNOWN_LATENCY * float(np.nan_to_num(log.kd[j])))
-        bound = -float(mj.dof_frictionloss[v]), -float(mj.dof_damping[v]), -0.9 * float(mj.dof_armature[v])
-        add("coulomb_friction", joint, "torque", "N·m", "friction", j, *dry, lowest=bound[0])
-        add("viscous_friction", joint, "coefficient", "N·m·s/rad", "damping", j, *wet, lowest=bound[1])
-        add("rotor_inertia", joint, "inertia", "kg·m²", "armature", j, *rotor, lowest=bound[2])
-        add(
-            "stribeck",
-            joint,
-            "torque",
-            "N·m",
-            "stribeck",
-            j,
-            0.01 * scale,
-            0.004 * scale,
-            0.01 * scale,
-            0.03 * scale,
-            lowest=0.0,
-        )
-        add("encoder_offset", joint, "angle", "rad", "offset", j, 0.005, 0.004, 0.010, 0.05)
-        if log.kp[j] > 0.0:
-            add(SESSION, joint, "angle", "rad", "shift", j, 0.004, 0.005, np.inf, 0.0)
-            add("kp", joint, "gain", "N·m/rad", "kp", j, 0.05, 0.02, 0.04, 0.3, nominal=log.kp[j], lowest=-0.95)
-        if log.kd[j] > 0.0:
-            add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j], lowest=-0.95)
-            add("velocity_lag", joint, "time_constant", "s", "lag", j, 0.002, 0.001, 0.003, 0.006, lowest=0.0)
-        add("motor_strength", joint, "factor", "1", "strength", j, 0.05, 0.02, 0.04, 0.2, nominal=1.0, lowest=-0.95)
-        add(
-            "torque_limit",
-            joint,
-            "torque",
-            "N·m",
-            "limit",
-            j,
-            -0.1,
-            0.02,
-            0.05,
-            0.3,
-            nominal=model.asked[j],
-            highest=0.0,
-        )
-        if j in model.devices.joint:
-            add(
-                "coil_dead",
-                joint,
-                "current_share",
-                "1",
-                "coil",
-                j,
-                0.2,
-                0.02,
-                0.5,
-                1.0,
-                nominal=1.0,
-                lowest=-1.3,
-                highest=0.0,
-            )
-            add("coil_lag", joint, "time_constant", "s", "coil_lag", j, 0.004, 0.001, 0.003, 0.02, lowest=0.0)
-            add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0, lowest=-0.95)
-            # more drag than described is dry friction as any other: see SAME
-            add("device_drag", joint, "torque", "N·m", "drag", j, -0.2, 0.05, 0.1, 0.5, highest=0.0)
+    for j in range(len(model.joints)):
+        _of_joint(add, model, log, j)
     # when in a row a command began to act no log says: up to the next row it is no delay of the robot. Its step is
     # short, for coils without lag read what a row commands until its last moment
     row = float(np.median([run.dt for run in log.runs]))
@@ -195,6 +131,95 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
         add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)
+    _of_links(add, model, log)
+    if model.free:
+        _on_feet(add, model)
+    else:
+        for k, axis in enumerate(("roll", "pitch")):
+            add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
+        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0,
+            lowest=1.0 / LARGEST_SCALE - 1.0, highest=LARGEST_SCALE - 1.0)  # fmt: skip
+    return found
+
+
+def _of_joint(add: Callable[..., None], model: ReplayModel, log: RobotLog, j: int) -> None:
+    """Numbers of a joint, its drive and its device."""
+    mj, joint = model.model, model.joints[j]
+    v = model.v_adr[j]
+    scale = _torque_scale(model, log, j)
+    inertia = float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
+    dry, wet = scale * np.array([0.01, 0.02, 0.005, 0.05]), scale * np.array([0.002, 0.006, 0.002, 0.02])
+    rotor = inertia * np.array([0.05, 0.5, 0.05, 2.0])
+    rotor[2] = max(rotor[2], UNKNOWN_LATENCY * float(np.nan_to_num(log.kd[j])))
+    bound = -float(mj.dof_frictionloss[v]), -float(mj.dof_damping[v]), -0.9 * float(mj.dof_armature[v])
+    add("coulomb_friction", joint, "torque", "N·m", "friction", j, *dry, lowest=bound[0])
+    add("viscous_friction", joint, "coefficient", "N·m·s/rad", "damping", j, *wet, lowest=bound[1])
+    add("rotor_inertia", joint, "inertia", "kg·m²", "armature", j, *rotor, lowest=bound[2])
+    add(
+        "stribeck",
+        joint,
+        "torque",
+        "N·m",
+        "stribeck",
+        j,
+        0.01 * scale,
+        0.004 * scale,
+        0.01 * scale,
+        0.03 * scale,
+        lowest=0.0,
+    )
+    add("encoder_offset", joint, "angle", "rad", "offset", j, 0.005, 0.004, 0.010, 0.05)
+    if log.kp[j] > 0.0:
+        add(SESSION, joint, "angle", "rad", "shift", j, 0.004, 0.005, np.inf, 0.0)
+        add("kp", joint, "gain", "N·m/rad", "kp", j, 0.05, 0.02, 0.04, 0.3, nominal=log.kp[j], lowest=-0.95)
+    if log.kd[j] > 0.0:
+        add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j], lowest=-0.95)
+        add("velocity_lag", joint, "time_constant", "s", "lag", j, 0.002, 0.001, 0.003, 0.006, lowest=0.0)
+    add("motor_strength", joint, "factor", "1", "strength", j, 0.05, 0.02, 0.04, 0.2, nominal=1.0, lowest=-0.95)
+    add(
+        "torque_limit",
+        joint,
+        "torque",
+        "N·m",
+        "limit",
+        j,
+        -0.1,
+        0.02,
+        0.05,
+        0.3,
+        nominal=model.asked[j],
+        highest=0.0,
+    )
+    if j in model.devices.joint:
+        _of_device(add, joint, j)
+
+
+def _of_device(add: Callable[..., None], joint: str, j: int) -> None:
+    """Numbers of the magnetorheological device of joint ``j``."""
+    add(
+        "coil_dead",
+        joint,
+        "current_share",
+        "1",
+        "coil",
+        j,
+        0.2,
+        0.02,
+        0.5,
+        1.0,
+        nominal=1.0,
+        lowest=-1.3,
+        highest=0.0,
+    )
+    add("coil_lag", joint, "time_constant", "s", "coil_lag", j, 0.004, 0.001, 0.003, 0.02, lowest=0.0)
+    add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0, lowest=-0.95)
+    # more drag than described is dry friction as any other: see SAME
+    add("device_drag", joint, "torque", "N·m", "drag", j, -0.2, 0.05, 0.1, 0.5, highest=0.0)
+
+
+def _of_links(add: Callable[..., None], model: ReplayModel, log: RobotLog) -> None:
+    """Masses of links, and on feet their lengths."""
+    mj = model.model
     bodies = [b for b in model.moving if b != model.trunk]
     for b in bodies:
         mass = float(mj.body_mass[b])
@@ -218,42 +243,40 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             if model.free and model.reach[b] > 0.02:
                 reach = model.reach[b]
                 add("link_length", model.body_name(b), "length", "m", "length", b, 0.005, 0.002, 0.006, 0.1 * reach)
-    if not model.free:
-        for k, axis in enumerate(("roll", "pitch")):
-            add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
-        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0,
-            lowest=1.0 / LARGEST_SCALE - 1.0, highest=LARGEST_SCALE - 1.0)  # fmt: skip
-    if model.free:
-        total = float(mj.body_mass.sum())
-        add(
-            "trunk_mass",
-            model.body_name(model.trunk),
-            "mass",
-            "kg",
-            "mass",
-            model.trunk,
-            *(total * np.array([0.02, 0.008, 0.015, 0.15])),
-        )
-        for k, axis in enumerate("xyz"):
-            add("trunk_com", model.body_name(model.trunk), axis, "m", "com", k, 0.01, 0.004, 0.01, 0.04)
-        for k, axis in enumerate(("roll", "pitch")):
-            add("imu_tilt", "robot", axis, "rad", "tilt", k, 0.01, 0.005, 0.012, 0.04)
-            # finished floors may lie 4 mm high at a distance of 1 m (DIN 18202, table 3, group 3)
-            add("ground_slope", "robot", axis, "rad", "slope", k, 0.01, 0.005, 0.012, 0.06)
-        for k, axis in enumerate("xyz"):
-            add("gyro_bias", "robot", axis, "rad/s", "bias", k, 0.02, 0.01, 0.03, 0.1)
-        mu = float(mj.geom_friction[list(model.feet), 0].max()) if model.feet else 0.8
-        add("ground_friction", "robot", "coefficient", "1", "mu", 0, -0.1, 0.1, 0.1, 0.4, nominal=mu)
-        # feet sink as far as the ground gives, and no two floors and laws of contact agree on it: one that bears them
-        # where they touch is as usual as one into which they sink twice as deep
-        add("ground_stiffness", "robot", "factor", "1", "give", 0, 0.2, 0.5, 1.0, 4.0, nominal=1.0, lowest=-0.95)
-        for k, foot in enumerate(model.feet):
-            body = model.body_name(int(mj.geom_bodyid[foot]))
-            add("soft_foot", body, "factor", "1", "foot", k, 0.2, 0.3, 0.6, 4.0, nominal=1.0, lowest=-0.9)
-        weight = 9.81 * total * np.array([0.02, 0.005, 0.02, 0.1])
-        for k, axis in enumerate("xy"):
-            add("steady_pull", model.body_name(model.trunk), axis, "N", "pull", k, *weight)
-    return found
+
+
+def _on_feet(add: Callable[..., None], model: ReplayModel) -> None:
+    """Numbers of the trunk, its sensors and the ground, and what is outside the catalogue."""
+    mj = model.model
+    total = float(mj.body_mass.sum())
+    add(
+        "trunk_mass",
+        model.body_name(model.trunk),
+        "mass",
+        "kg",
+        "mass",
+        model.trunk,
+        *(total * np.array([0.02, 0.008, 0.015, 0.15])),
+    )
+    for k, axis in enumerate("xyz"):
+        add("trunk_com", model.body_name(model.trunk), axis, "m", "com", k, 0.01, 0.004, 0.01, 0.04)
+    for k, axis in enumerate(("roll", "pitch")):
+        add("imu_tilt", "robot", axis, "rad", "tilt", k, 0.01, 0.005, 0.012, 0.04)
+        # finished floors may lie 4 mm high at a distance of 1 m (DIN 18202, table 3, group 3)
+        add("ground_slope", "robot", axis, "rad", "slope", k, 0.01, 0.005, 0.012, 0.06)
+    for k, axis in enumerate("xyz"):
+        add("gyro_bias", "robot", axis, "rad/s", "bias", k, 0.02, 0.01, 0.03, 0.1)
+    mu = float(mj.geom_friction[list(model.feet), 0].max()) if model.feet else 0.8
+    add("ground_friction", "robot", "coefficient", "1", "mu", 0, -0.1, 0.1, 0.1, 0.4, nominal=mu)
+    # feet sink as far as the ground gives, and no two floors and laws of contact agree on it: one that bears them
+    # where they touch is as usual as one into which they sink twice as deep
+    add("ground_stiffness", "robot", "factor", "1", "give", 0, 0.2, 0.5, 1.0, 4.0, nominal=1.0, lowest=-0.95)
+    for k, foot in enumerate(model.feet):
+        body = model.body_name(int(mj.geom_bodyid[foot]))
+        add("soft_foot", body, "factor", "1", "foot", k, 0.2, 0.3, 0.6, 4.0, nominal=1.0, lowest=-0.9)
+    weight = 9.81 * total * np.array([0.02, 0.005, 0.02, 0.1])
+    for k, axis in enumerate("xy"):
+        add("steady_pull", model.body_name(model.trunk), axis, "N", "pull", k, *weight)
 
 
 def _driver(model: ReplayModel, body: int) -> int | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +13,15 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked, likely
-from mrwarp.diagnose.result import Error, Suspect, Value
+from mrwarp.diagnose.result import Error, Suspect, Unexplained, Value
 from mrwarp.robot_logs.causes import ORDINARY, OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, gather, losses
+from mrwarp.robot_logs.evidence import Evidence, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import FirstLook, first_look, fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
-from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_validated
+from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_validated, held_out
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, sentence_of
 from mrwarp.robot_logs.selection import (
-    PARTS,
     WALKING,
     Direction,
     Found,
@@ -37,8 +36,6 @@ from mrwarp.robot_logs.selection import (
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows, cut_windows
-from mrwarp.sysid.jackknife import student, sum_and_error
-from mrwarp.sysid.left_out import in_a_row, predicted
 from mrwarp.sysid.verdict import VERDICTS
 
 FIT_SECONDS, SECONDS = 10.0, 60.0
@@ -82,9 +79,93 @@ def diagnose_log(
         LogError: robot and log do not fit.
     """
     begun = time.perf_counter()
+    case = _read(robot, log, device, progress)
+    look = first_look(case.model, case.part, case.parameters, progress)
+    answer = _first_answer(look, case.model, log, case.groups, case.parameters, begun)
+    progress(being_checked(answer.sentence))
+    if not answered(answer):
+        return answer
+    judged = _judged(case, look, progress)
+    progress("sizes")
+    judged = _sized(case, judged)
+    progress("before and after")
+    judged, gain, errors = _before_and_after(case, judged)
+    evidence, parameters, found, size = judged.evidence, case.parameters, judged.found, judged.size
+    now = posterior(evidence, parameters, [f.direction for f in found])
+    named = [_named(f, found, size, evidence, parameters, now) for f in found]
+    causes = tuple(c for c in named if c.name not in OUTSIDE)
+    extended = np.zeros(len(parameters))
+    for cause in causes:
+        for k, change in cause.change.items():
+            extended[k] = change
+    progress("what no cause explains")
+    unexplained = _outside(case, judged, named)
+    holds = friction_that_holds(evidence, case.model, log, case.groups, parameters, judged.theta)
+    shown = [d for f in [*found, *judged.rejected] for d in (f.direction, *f.alternatives)]
+    unknown = cannot_know(evidence, parameters, case.model, log, now, holds, shown)
+    before, after = errors["all"]
+    return RobotDiagnosis(
+        verdict=VERDICTS[bool(causes), unexplained is not None],
+        sentence=sentence_of(causes, unexplained),
+        causes=causes,
+        suspects=_suspects(case, judged),
+        unexplained=unexplained,
+        cannot_know=unknown,
+        next_experiment=next_experiment(causes, unknown, motions_of(case.model)),
+        baseline=Error(rmse=before, nrmse=1.0, unit="healthy error"),
+        extended=Error(rmse=after, nrmse=after / max(before, 1e-12), unit="healthy error"),
+        gain=gain,
+        per_joint={joint: _both(*errors[f"q.{joint}"]) for joint in case.model.joints},
+        per_channel={name: _both(*errors[name]) for name in evidence.sigma},
+        session={p.where: float(size.size[k]) for k, p in enumerate(parameters) if p.field == "shift"},
+        notes=tuple(_notes(case, judged, causes, now)),
+        parameters=tuple(parameters),
+        theta=extended,
+        model=case.model,
+        log=log,
+        windows=tuple(case.groups),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Case:
+    """A robot and its log, cut into windows."""
+
+    model: ReplayModel
+    log: RobotLog
+    groups: list[Windows]
+    part: list[Windows]
+    """Windows by which the robot is fitted step by step."""
+    parameters: list[Parameter]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judged:
+    """Causes of a log, and those that are not proven."""
+
+    theta: np.ndarray
+    """The robot about which ``evidence`` is, shape (P,)."""
+    evidence: Evidence
+    rivals: dict[Direction, list[Direction]]
+    """Causes of drives with which the replay was nearly as good."""
+    found: list[Found]
+    rejected: list[Found]
+    unclear: list[Found]
+    """Of the rejected ones those whose intervals reach to what is no fault."""
+    size: Sizes
+    near: Evidence
+    """About the robot with the sizes of the causes."""
+
+
+def _read(robot: Path, log: RobotLog, device: str, progress: Callable[[str], None]) -> _Case:
+    """The robot, and its log in windows.
+
+    Raises:
+        LogError: robot and log do not fit.
+    """
     progress(f"reading {robot}")
     model = replay_model(robot, log, device)
-    parameters = parameters_of(model, log)
     groups = cut_windows(model, log, budget=SECONDS)
     if (count := sum(group.count for group in groups)) < LEAST_WINDOWS:
         raise LogError(
@@ -94,13 +175,14 @@ def diagnose_log(
     part = groups if log.seconds <= WHOLE else cut_windows(model, log, budget=FIT_SECONDS)
     if sum(group.count for group in part) < LEAST_WINDOWS:
         part = groups
-    look = first_look(model, part, parameters, progress)
-    answer = _first_answer(look, model, log, groups, parameters, begun)
-    progress(being_checked(answer.sentence))
-    if not answered(answer):
-        return answer
-    theta, confirmed, evidence, rivals = fitted(model, part, parameters, progress, look)
-    if part is not groups:
+    return _Case(model=model, log=log, groups=groups, part=part, parameters=parameters_of(model, log))
+
+
+def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _Judged:
+    """Causes that stand out about the robot that fits, and of these the ones that parts and the replay confirm."""
+    model, groups, parameters = case.model, case.groups, case.parameters
+    theta, confirmed, evidence, rivals = fitted(model, case.part, parameters, progress, look)
+    if case.part is not groups:
         evidence = gather(model, groups, parameters, theta, progress)
     progress("causes that stand out")
     chosen = select(evidence, parameters, confirmed)
@@ -110,76 +192,103 @@ def diagnose_log(
     found = [f for f in chosen if f in validated or (f.direction in confirmed and not model.free)]
     rejected = [f for f in chosen if f not in found]
     found, refuted = by_replay(found, model, groups, evidence, parameters, theta)
-    rejected += refuted
+    nothing = Sizes(size=np.zeros(len(parameters)), lone=np.zeros(len(parameters)), wider=1.0)
+    return _Judged(
+        theta=theta, evidence=evidence, rivals=rivals, found=found, rejected=rejected + refuted, unclear=[],
+        size=nothing, near=evidence,
+    )  # fmt: skip
 
-    wide = bounds_of(parameters)
 
-    def alone(
-        found: list[Found], start: np.ndarray = theta, bounds: tuple[np.ndarray, np.ndarray] = wide
-    ) -> tuple[Sizes, Evidence]:
-        released, (low, high) = [f.direction for f in found], bounds
-        named = {k for d in released for k in d.members}
-        begin = np.where([k in named or p.of_session for k, p in enumerate(parameters)], start, 0.0)
-        size, near, free = fitted_alone(model, groups, parameters, released, begin, low, high)
-        own, prior, lone = [parameters[k] for k in free], np.zeros((len(free), len(free))), size[free]
-        lone[[k for k, p in enumerate(own) if p.of_session and free[k] not in named]] = 0.0
-        for d in released:
-            at = [free.index(k) for k in d.members]
-            if uneven(d, model, parameters):
-                lone = searched(lone, at, model, groups, own, near, prior, low[free], high[free])
-            else:
-                lone = near.sized(lone, at, low[free], high[free])
-        each = size.copy()
-        each[free] = lone
-        return Sizes(size=size, lone=each, wider=WALKING if model.free else 1.0), _on_windows_of(evidence, near, free)
+def _alone(
+    case: _Case, judged: _Judged, found: list[Found], start: np.ndarray | None = None,
+    bounds: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[Sizes, Evidence]:  # fmt: skip
+    """Sizes of causes, fitted alone with the session's offsets from ``start``, (P,), and the evidence there."""
+    model, groups, parameters = case.model, case.groups, case.parameters
+    start, (low, high) = judged.theta if start is None else start, bounds or bounds_of(parameters)
+    released = [f.direction for f in found]
+    named = {k for d in released for k in d.members}
+    begin = np.where([k in named or p.of_session for k, p in enumerate(parameters)], start, 0.0)
+    size, near, free = fitted_alone(model, groups, parameters, released, begin, low, high)
+    own, prior, lone = [parameters[k] for k in free], np.zeros((len(free), len(free))), size[free]
+    lone[[k for k, p in enumerate(own) if p.of_session and free[k] not in named]] = 0.0
+    for d in released:
+        at = [free.index(k) for k in d.members]
+        if uneven(d, model, parameters):
+            lone = searched(lone, at, model, groups, own, near, prior, low[free], high[free])
+        else:
+            lone = near.sized(lone, at, low[free], high[free])
+    each = size.copy()
+    each[free] = lone
+    sizes_ = Sizes(size=size, lone=each, wider=WALKING if model.free else 1.0)
+    return sizes_, _on_windows_of(judged.evidence, near, free)
 
-    progress("sizes")
-    found, unclear, size, near = clear_ones(found, evidence, parameters, alone)
-    rejected += unclear
-    likely, other = likelier(found, size.size, parameters)
+
+def _sized(case: _Case, judged: _Judged) -> _Judged:
+    """The causes with clear sizes; where two are one robot, the likelier of them."""
+    found, unclear, size, near = clear_ones(
+        judged.found, judged.evidence, case.parameters, lambda found: _alone(case, judged, found)
+    )
+    likely, other = likelier(found, size.size, case.parameters)
     if [f.direction for f in likely] != [f.direction for f in found]:
-        size, near = alone(likely, other)
-    found = likely
-    progress("before and after")
+        size, near = _alone(case, judged, likely, other)
+    rejected = judged.rejected + unclear
+    return replace(judged, found=likely, rejected=rejected, unclear=unclear, size=size, near=near)
+
+
+def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, dict[str, Any], dict[str, tuple[float, float]]]:
+    """Errors on parts that took no part, with and without the causes; without any where all together are worse.
+
+    What is outside the catalogue acts before and after.
+    """
+    found, size, near, wide = judged.found, judged.size, judged.near, bounds_of(case.parameters)
     foreign = [f for f in found if f.direction.cause in OUTSIDE]
     # a floor or a delay that is a fault is no part of the session before it is reported
-    usual = bounds_without(parameters, [f.direction for f in found if f not in foreign])
-    before = (size, near) if len(foreign) == len(found) else alone(foreign, bounds=usual)
+    usual = bounds_without(case.parameters, [f.direction for f in found if f not in foreign])
+    before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, bounds=usual)
 
-    def held_out(found: list[Found], near: Evidence) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+    def errors_of(found: list[Found], near: Evidence) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
         own = ([f.direction for f in foreign], before[1], usual), ([f.direction for f in found], near, wide)
-        return _held_out(model, groups, evidence, parameters, *own)
+        return held_out(case.model, case.groups, judged.evidence, case.parameters, *own)
 
-    gain, errors = held_out(found, near)
+    rejected, (gain, errors) = judged.rejected, errors_of(found, near)
     if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
-        rejected += [f for f in found if f not in foreign]
+        rejected = rejected + [f for f in found if f not in foreign]
         found, usual = foreign, wide
-        size, near = before = alone(foreign)
-        gain, errors = held_out(found, near)
-    now = posterior(evidence, parameters, [f.direction for f in found])
-    found = [replace(f, alternatives=(*f.alternatives, *rivals.get(f.direction, ()))) for f in found]
-    named = [_named(f, found, size, evidence, parameters, now) for f in found]
-    causes = tuple(c for c in named if c.name not in OUTSIDE)
-    extended = np.zeros(len(parameters))
-    for cause in causes:
-        for k, change in cause.change.items():
-            extended[k] = change
-    beliefs = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in rejected)])
-    suspects, both = [], [*found, *rejected]
-    for f in (f for f in rejected if f.direction.cause not in OUTSIDE):
-        about = sizes(evidence.likelihood(), parameters, [f.direction for f in both], *wide)
-        c = _named(f, both, replace(size, size=about, lone=about), evidence, parameters, beliefs)
-        reason = NOT_CLEAR if f in unclear else NOT_PREDICTED
+        size, near = before = _alone(case, judged, foreign)
+        gain, errors = errors_of(found, near)
+    found = [replace(f, alternatives=(*f.alternatives, *judged.rivals.get(f.direction, ()))) for f in found]
+    return replace(judged, found=found, rejected=rejected, size=size, near=near), gain, errors
+
+
+def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
+    """Causes that are not proven, with the missing part of the proof."""
+    evidence, parameters, suspects = judged.evidence, case.parameters, []
+    both = [*judged.found, *judged.rejected]
+    released = [f.direction for f in both]
+    beliefs = posterior(evidence, parameters, released)
+    for f in (f for f in judged.rejected if f.direction.cause not in OUTSIDE):
+        about = sizes(evidence.likelihood(), parameters, released, *bounds_of(parameters))
+        c = _named(f, both, replace(judged.size, size=about, lone=about), evidence, parameters, beliefs)
+        reason = NOT_CLEAR if f in judged.unclear else NOT_PREDICTED
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
-    progress("what no cause explains")
-    acting = outside(pushes(evidence, model, groups, parameters, theta), groups, log)
+    return tuple(suspects)
+
+
+def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplained | None:
+    """Effects outside the catalogue: those that act always, among the causes, and pushes at times."""
+    pushed = pushes(judged.evidence, case.model, case.groups, case.parameters, judged.theta)
+    acting = outside(pushed, case.groups, case.log)
     always = [
-        steady(f.direction, next(iter(c.parameters.values())).value, c.gain, log, parameters)
-        for f, c in zip(found, named, strict=True) if c.name in OUTSIDE
+        steady(f.direction, next(iter(c.parameters.values())).value, c.gain, case.log, case.parameters)
+        for f, c in zip(judged.found, named, strict=True) if c.name in OUTSIDE
     ]  # fmt: skip
-    unexplained = joined([*always, *([acting] if acting else [])])
-    session = {p.where: float(size.size[k]) for k, p in enumerate(parameters) if p.field == "shift"}
-    notes = [*getattr(log, "notes", ())]
+    return joined([*always, *([acting] if acting else [])])
+
+
+def _notes(case: _Case, judged: _Judged, causes: Sequence[NamedCause], now: Posterior) -> list[str]:
+    """Remarks on the log and the description that are no causes."""
+    notes, parameters = [*getattr(case.log, "notes", ())], case.parameters
     late = next(k for k, p in enumerate(parameters) if p.cause == "command_delay")
     if not any(late in c.change for c in causes) and abs(now.mean[late]) > parameters[late].least:
         row = parameters[late].usual[1]
@@ -187,7 +296,7 @@ def diagnose_log(
             f"commands act {1e3 * now.mean[late]:.1f} ms after their row: within a row of {1e3 * row:.1f} ms "
             "that is how the log was written"
         )
-    scale = sum(float(size.size[k]) for k, p in enumerate(parameters) if p.field == "scale")
+    scale = sum(float(judged.size.size[k]) for k, p in enumerate(parameters) if p.field == "scale")
     if abs(scale) > TORQUE_SCALE:
         notes.append(
             f"all drives' torques are {1.0 + scale:.2f} times what gains and masses of the description make them: "
@@ -199,38 +308,12 @@ def diagnose_log(
             f"less friction than described at {', '.join(dict.fromkeys(less))}: the description has too much, "
             "or a controller compensates friction and the log's command does not have it"
         )
-    if evidence.lost:
+    if judged.evidence.lost:
         notes.append(
-            f"{evidence.lost} pieces of the log were left out: something else moved the robot there, "
-            f"at {_when(log, groups, evidence.keep)}"
+            f"{judged.evidence.lost} pieces of the log were left out: something else moved the robot there, "
+            f"at {_when(case.log, case.groups, judged.evidence.keep)}"
         )
-    holds = friction_that_holds(evidence, model, log, groups, parameters, theta)
-    shown = [d for f in both for d in (f.direction, *f.alternatives)]
-    unknown = cannot_know(evidence, parameters, model, log, now, holds, shown)
-    return RobotDiagnosis(
-        verdict=VERDICTS[bool(causes), unexplained is not None],
-        sentence=sentence_of(causes, unexplained),
-        causes=causes,
-        suspects=tuple(suspects),
-        unexplained=unexplained,
-        cannot_know=unknown,
-        next_experiment=next_experiment(causes, unknown, motions_of(model)),
-        baseline=Error(rmse=errors["all"][0], nrmse=1.0, unit="healthy error"),
-        extended=Error(
-            rmse=errors["all"][1], nrmse=errors["all"][1] / max(errors["all"][0], 1e-12), unit="healthy error"
-        ),
-        gain=gain,
-        per_joint={joint: _both(*errors[f"q.{joint}"]) for joint in model.joints},
-        per_channel={name: _both(*errors[name]) for name in evidence.sigma},
-        session=session,
-        notes=tuple(notes),
-        parameters=tuple(parameters),
-        theta=extended,
-        model=model,
-        log=log,
-        windows=tuple(groups),
-        seconds=time.perf_counter() - begun,
-    )
+    return notes
 
 
 def _first_answer(
@@ -333,44 +416,6 @@ def _on_windows_of(evidence: Evidence, near: Evidence, free: list[int]) -> Evide
     own = np.array(free, dtype=int)
     a[np.ix_(here, own, own)], b[np.ix_(here, own)] = near.information[there], near.score[there]
     return replace(evidence, information=a, score=b, scale=near.scale)
-
-
-def _held_out(
-    model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
-    *fits: tuple[list[Direction], Evidence, tuple[np.ndarray, np.ndarray]],
-) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:  # fmt: skip
-    """Error of the replay on parts of the log that took no part, before and after, both with their session's offsets.
-
-    ``fits`` are the causes of each, the evidence about its fit, and its bounds.
-
-    Returns:
-        Reduction of the weighted error from each window's best start, with its interval over parts; and errors before
-        and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
-    """
-    parts, both = in_a_row(len(evidence.square), PARTS), []
-    for released, near, bounds in fits:
-
-        def solve(a: np.ndarray, b: np.ndarray, released=released, near=near, bounds=bounds) -> np.ndarray:  # noqa: ANN001
-            each = zip(a / near.scale, b / near.scale, strict=True)
-            return np.stack([sizes(x, parameters, released, *bounds) for x in each])
-
-        theta, _ = predicted(near, parts, solve)
-        both.append(losses(evidence, model, groups, parameters, theta))
-    whole = np.isfinite(both[0][0]) & np.isfinite(both[1][0])  # a replay that broke has no error to compare
-    channels = sum(len(x) for x in evidence.sigma.values())
-    samples = channels * np.mean([w.t.shape[1] for w in groups])
-    by_part = np.array([[loss[part[whole[part]]].sum() for loss, _ in both] for part in parts if whole[part].any()])
-    each = 1.0 - np.sqrt(by_part[:, 1] / np.maximum(by_part[:, 0], 1e-12))
-    half = student(0.95, max(len(each) - 1, 1)) * sum_and_error(each)[1] / len(each)
-    total = np.sqrt(by_part.sum(axis=0) / (whole.sum() * samples))
-    value = float(1.0 - total[1] / max(total[0], 1e-12))
-    errors = {"all": (float(total[0]), float(total[1]))}
-    for name in both[0][1]:
-        before, after = (np.sqrt(squares[name][whole].mean(axis=0)) for _, squares in both)
-        errors[name] = (float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean())))
-        if name == "q":
-            errors |= {f"q.{j}": (float(before[k]), float(after[k])) for k, j in enumerate(model.joints)}
-    return {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(PARTS))}, errors
 
 
 def _both(before: float, after: float) -> dict[str, float]:

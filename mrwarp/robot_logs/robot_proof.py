@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +24,14 @@ from mrwarp.robot_logs.selection import (
     own_members,
     posterior,
     prior_of,
+    sizes,
     vector,
     wider_than,
 )
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows
 from mrwarp.sysid.certainty import agreement, clearness
 from mrwarp.sysid.elimination import eliminated
+from mrwarp.sysid.jackknife import student, sum_and_error
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, predicted
 
@@ -215,3 +218,41 @@ def _without(
             most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
             low[k], high[k] = max(low[k], -most), min(high[k], most)
     return prior_of(parameters, [f.direction for f in found]), low, high
+
+
+def held_out(
+    model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
+    *fits: tuple[list[Direction], Evidence, tuple[np.ndarray, np.ndarray]],
+) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:  # fmt: skip
+    """Error of the replay on parts of the log that took no part, before and after, both with their session's offsets.
+
+    ``fits`` are the causes of each, the evidence about its fit, and its bounds.
+
+    Returns:
+        Reduction of the weighted error from each window's best start, with its interval over parts; and errors before
+        and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
+    """
+    parts, both = in_a_row(len(evidence.square), PARTS), []
+    for released, near, bounds in fits:
+
+        def solve(a: np.ndarray, b: np.ndarray, released=released, near=near, bounds=bounds) -> np.ndarray:  # noqa: ANN001
+            each = zip(a / near.scale, b / near.scale, strict=True)
+            return np.stack([sizes(x, parameters, released, *bounds) for x in each])
+
+        theta, _ = predicted(near, parts, solve)
+        both.append(losses(evidence, model, groups, parameters, theta))
+    whole = np.isfinite(both[0][0]) & np.isfinite(both[1][0])  # a replay that broke has no error to compare
+    channels = sum(len(x) for x in evidence.sigma.values())
+    samples = channels * np.mean([w.t.shape[1] for w in groups])
+    by_part = np.array([[loss[part[whole[part]]].sum() for loss, _ in both] for part in parts if whole[part].any()])
+    each = 1.0 - np.sqrt(by_part[:, 1] / np.maximum(by_part[:, 0], 1e-12))
+    half = student(0.95, max(len(each) - 1, 1)) * sum_and_error(each)[1] / len(each)
+    total = np.sqrt(by_part.sum(axis=0) / (whole.sum() * samples))
+    value = float(1.0 - total[1] / max(total[0], 1e-12))
+    errors = {"all": (float(total[0]), float(total[1]))}
+    for name in both[0][1]:
+        before, after = (np.sqrt(squares[name][whole].mean(axis=0)) for _, squares in both)
+        errors[name] = (float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean())))
+        if name == "q":
+            errors |= {f"q.{j}": (float(before[k]), float(after[k])) for k, j in enumerate(model.joints)}
+    return {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(PARTS))}, errors

@@ -60,8 +60,8 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
     show.
     """
     corrections: list[np.ndarray] = []
-    losses = robot_diagnosis.losses
-    monkeypatch.setattr(robot_diagnosis, "losses", lambda *args: corrections.append(args[-1]) or losses(*args))
+    losses = robot_proof.losses
+    monkeypatch.setattr(robot_proof, "losses", lambda *args: corrections.append(args[-1]) or losses(*args))
 
     def heavier(model) -> None:  # noqa: ANN001
         body = model.body("lower").id
@@ -193,14 +193,14 @@ def test_causes_with_which_parts_of_the_log_are_foretold_worse_are_not_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each of them may be clear, yet all together lead the replay astray."""
-    held_out, seen = robot_diagnosis._held_out, []
+    held_out, seen = robot_diagnosis.held_out, []
 
     def worse(*args):  # noqa: ANN002, ANN202
         gain, errors = held_out(*args)
         seen.append(gain["ci95"])
         return ({**gain, "ci95": (-0.4, -0.1)} if len(seen) == 1 else gain), errors
 
-    monkeypatch.setattr(robot_diagnosis, "_held_out", worse)
+    monkeypatch.setattr(robot_diagnosis, "held_out", worse)
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, late=0.014))
     assert seen[0][0] > 0.5 and seen[1] == (0.0, 0.0)  # without it, the delay is right
     assert (d.verdict, d.causes) == ("none", ())
