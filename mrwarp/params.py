@@ -15,7 +15,7 @@ import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 _PAPER_BW = "paper section 4.2, identified coefficients of eqs. 14 and 15"
 _PAPER_HOLD = "paper section 4.4, pre-yield fit of eq. 18"
@@ -151,6 +151,16 @@ class BoucWenParams(ParamGroup):
         return (self.K0 + self.K1 * abs(current)) * self.z_bound
 
 
+AmountT = TypeVar("AmountT", bound=Any)
+"""A number or an array of them."""
+
+
+def holding_curve(current: AmountT, T_max: float, K: float, n: float) -> AmountT:
+    """tau_y of eq. 18 [N·m], as ``mrwarp.kernels.brake.yield_torque``, in float64."""
+    ratio = (abs(current) / K) ** n
+    return T_max * ratio / (1.0 + ratio)
+
+
 @dataclass(frozen=True, kw_only=True)
 class HoldParams(ParamGroup):
     """Pre-yield holding law, eqs. 18 and 19: ``tau_y(I) = T_max*I^n/(K^n + I^n)``."""
@@ -162,9 +172,13 @@ class HoldParams(ParamGroup):
         1.2, "1", 1.0, 10.0, "paper section 5.2", "Margin of the support current over the needed torque."
     )
 
-    def yield_torque(self, current: float) -> float:
-        """Torque up to which the device holds [N·m] at a coil current [A], eq. 18."""
-        return self.T_max / (1.0 + (self.K / abs(current)) ** self.n) if current else 0.0
+    def yield_torque(self, current: AmountT) -> AmountT:
+        """Torque up to which the device holds [N·m] at coil currents [A], eq. 18; a number or an array."""
+        return holding_curve(current, self.T_max, self.K, self.n)
+
+    def current_for(self, torque: AmountT) -> AmountT:
+        """Coil currents [A] at which the device holds torques from 0 to below T_max [N·m]: the inverse of eq. 18."""
+        return self.K * (torque / (self.T_max - torque)) ** (1.0 / self.n)
 
     @staticmethod
     def unmeasured(bouc_wen: BoucWenParams, current: float, saturation: float = 0.0) -> dict[str, float]:

@@ -255,9 +255,7 @@ def simulate(
         viscous = (p.B + e["current_viscosity"] * current) * qd
         hysteretic = (p.K0 + p.K1 * field) * common
         if e.acts("breakaway"):
-            h = params.hold
-            tau_y = h.T_max * field**h.n / (h.K**h.n + field**h.n)
-            hysteretic += e["breakaway"] * tau_y * _stop(q, 0.02) * np.exp(-speed / 0.5)
+            hysteretic += e["breakaway"] * params.hold.yield_torque(field) * _stop(q, 0.02) * np.exp(-speed / 0.5)
         if e.acts("temperature_drift"):
             rise = _temperature(np.abs((hysteretic + viscous) * qd), current, run.warmth, params, dt)
             hysteretic *= np.exp(-e["temperature_drift"] * rise)
@@ -294,10 +292,9 @@ def breakaway_torque(current: np.ndarray, effects: Effects, params: MrParams, rn
         params: The holding law.
         rng: Source of noise.
     """
-    e, h = effects, params.hold
-    ratio = (e["current_gain"] * current / h.K) ** h.n
+    e = effects
     scatter, noise = rng.standard_normal((2, len(current)))
-    tau_y = h.T_max * ratio / (1.0 + ratio) * (1.0 + e["run_gain"] * scatter)
+    tau_y = params.hold.yield_torque(e["current_gain"] * current) * (1.0 + e["run_gain"] * scatter)
     return e["torque_gain"] * tau_y + e["torque_bias"] + np.hypot(e["run_bias"], e["torque_noise"]) * noise
 
 

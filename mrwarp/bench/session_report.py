@@ -118,9 +118,8 @@ def draw(data: BenchData, cfg: BenchCfg, path: Path) -> None:
     axis.legend()
 
     amps = np.linspace(0.0, float(data.holding.current.max()), 100)
-    h = cfg.params.hold
     axes[1, 1].plot(data.holding.current, data.holding.torque, ".", markersize=4, label="break-away tests")
-    axes[1, 1].plot(amps, h.T_max * amps**h.n / (h.K**h.n + amps**h.n), linewidth=1.0, label="eq. 18")
+    axes[1, 1].plot(amps, cfg.params.hold.yield_torque(amps), linewidth=1.0, label="eq. 18")
     axes[1, 1].set(xlabel="current [A]", ylabel="torque [N·m]", title="break-away at rest")
     axes[1, 1].legend()
     for axis in axes.flat:

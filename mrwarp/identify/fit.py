@@ -30,7 +30,7 @@ from mrwarp.identify.parameters import (
 from mrwarp.identify.projection import FEW, Point, Progress, Structure, held_out_ratio, search
 from mrwarp.identify.replay import Replay
 from mrwarp.model_file import Effect
-from mrwarp.params import BoucWenParams
+from mrwarp.params import BoucWenParams, holding_curve
 from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
 
 PARAMETERS = (*LINEAR, *SHAPE)
@@ -240,12 +240,6 @@ def made_motion(recording: Recording) -> list[str]:
     if any(run.q_integrated for run in runs):
         notes.append("the angle was integrated from qd: D, C and what depends on the place are not to be trusted")
     return notes
-
-
-def holding_curve(current: np.ndarray, T_max: float, K: float, n: float) -> np.ndarray:
-    """tau_y of eq. 18 [N·m], as ``mrwarp.kernels.brake.yield_torque``, in float64."""
-    ratio = (np.abs(current) / K) ** n
-    return T_max * ratio / (1.0 + ratio)
 
 
 def read_holding(data: Path, recording: Recording, file: Path | None, log: Progress) -> Holding | None:

@@ -193,7 +193,7 @@ def _hold(cfg: MissionCfg) -> HoldParams:
 def _inverse(hold: HoldParams, most: float, need: float, strength: float) -> float:
     """Current at which a device of some strength holds 1.2 times the need [A], eq. 18, up to what is allowed."""
     wanted = min(hold.safety_factor * need / strength, 0.999 * hold.T_max)
-    return min(hold.K * (wanted / (hold.T_max - wanted)) ** (1.0 / hold.n), most)
+    return min(hold.current_for(wanted), most)
 
 
 def _factors(cfg: MissionCfg, mode: str, need: float, strengths: Sequence[float]) -> list[float]:

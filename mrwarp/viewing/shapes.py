@@ -11,6 +11,7 @@ import numpy as np
 from mujoco import mjtGeom
 from pxr import Usd, UsdGeom, UsdPhysics
 from scipy.ndimage import map_coordinates
+from scipy.spatial.transform import Rotation
 
 from mrwarp.env.sim_model import Scene, shape_name
 from mrwarp.viewing.frames import Gate
@@ -230,10 +231,8 @@ def body_poses(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def rotate(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Rotate vectors (..., 3) by quaternions (w, x, y, z), shape (..., 4)."""
-    w, axis = quat[..., :1], quat[..., 1:]
-    t = 2.0 * np.cross(axis, vector)
-    return vector + w * t + np.cross(axis, t)
+    """Vectors, shape (3,) or (N, 3), rotated by quaternions (w, x, y, z), shape (4,) or (N, 4)."""
+    return Rotation.from_quat(quat, scalar_first=True).apply(vector)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -91,9 +91,7 @@ def required_torque() -> dict[float, tuple[float, float]]:
 
 
 def _capacity() -> Check:
-    law = HoldParams()
-    ratio = (1.5 / law.K) ** law.n
-    eq18 = law.T_max * ratio / (1.0 + ratio)
+    eq18 = HoldParams().yield_torque(1.5)
     return Check(
         title="Holding capacity at 1.5 A.",
         arithmetic=(

@@ -10,10 +10,10 @@ import warp as wp
 
 from mrwarp.cli import main
 from mrwarp.identify.dataset import Scales
-from mrwarp.identify.fit import PARAMETERS, fit, fit_holding, holding_curve
+from mrwarp.identify.fit import PARAMETERS, fit, fit_holding
 from mrwarp.identify.replay import simulate
 from mrwarp.model_file import load_model
-from mrwarp.params import HoldParams
+from mrwarp.params import HoldParams, holding_curve
 from mrwarp.recording.load import Recording, RecordingError, Trajectory
 from tests.identify import synthetic
 from tests.kernels.law_kernels import hold_kernel

@@ -239,5 +239,5 @@ def _gate(p: MrParams, force: float, e: float, qd: float, limit: float) -> tuple
     if abs(qd) >= g.eps_hold:
         return 0.0, False
     wanted = h.safety_factor * abs((p.motor.kp_base - p.motor.kp_low) * e)
-    amps = limit if wanted >= h.T_max else min(h.K * (wanted / (h.T_max - wanted)) ** (1.0 / h.n), limit)
+    amps = limit if wanted >= h.T_max else min(h.current_for(wanted), limit)
     return amps, True

@@ -32,8 +32,6 @@ FALLEN = 0.5
 TRIES = 4
 """Times that a motion in which the robot fell is started again."""
 
-FRAME = ("quat", "gyro", "acc")
-
 
 @dataclass(frozen=True, kw_only=True)
 class LogCfg:
