@@ -9,10 +9,11 @@ import errno
 import gc
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from typing import Any
 
-from mrwarp.options.command_line import MODELS, CommandLine, OptionError, Options, parse, renamed_notes, values
+from mrwarp.options.command_line import MODELS, CommandLine, OptionError, parse, renamed_notes, values
 from mrwarp.options.command_table import COMMANDS, Command, Group
 from mrwarp.options.extras import missing_extra
 from mrwarp.run_dir import FolderError, one_line
@@ -71,7 +72,7 @@ def _run(command: Command, line: CommandLine) -> int:
                 print(note, file=sys.stderr, flush=True)
             if not one_of_several():  # then the processes agree on who complains
                 options.check()
-                check_models(options)
+                check_models(values(options))
         if options.engines:
             quiet_libraries(gpu=options.on_gpu, networks=options.networks)
         with options.claimed():
@@ -104,14 +105,14 @@ def _run(command: Command, line: CommandLine) -> int:
         return _refuse(line.prog, one_line(error), code)
 
 
-def check_models(options: Options) -> None:
-    """Read the model files that options name, before an engine is loaded.
+def check_models(chosen: Mapping[str, Any]) -> None:
+    """Read the model files that options name, by their names, before an engine is loaded.
 
     Raises:
         ModelFileError: one cannot be used.
     """
     for name in MODELS:
-        file = values(options).get(name)
+        file = chosen.get(name)
         if file is not None:
             from mrwarp.model_file import load_model
 
