@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.effects.catalogue import KNOWN
+from mrwarp.effects.catalogue import CATALOGUE, KNOWN
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.noise import Noise
@@ -44,10 +44,6 @@ CHI2 = 30.0
 """Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
 UNCHANGING = 0.01
 """Change of the control input, as a share of its largest value, up to which it is the same throughout."""
-_OF_A_FIELD = ("remanence", "current_saturation", "current_viscosity")
-"""Effects of a magnetic field, which a load or a pressure does not make."""
-_OF_A_COMMAND = ("coil_lag", "command_delay")
-"""Effects between a command and what it sets: a load is none, while a valve may lag."""
 _BENT, _BENT_T = 0.05, 4.0
 """Least gain, as a share of what a model leaves, and its least ratio to its standard error, for a bent law."""
 _HARMONIC_T = 2.0
@@ -94,11 +90,12 @@ class Problem:
     @property
     def impossible(self) -> tuple[str, ...]:
         """Effects that a control input of this kind cannot have, or that nothing can show where it never changes."""
+        needs: tuple[str, ...] = ()
         if self.unchanging:
-            return (*_OF_A_FIELD, *_OF_A_COMMAND, "load_friction")
-        if not self.motion.ranges.load:
-            return ()
-        return _OF_A_FIELD if quantity("current", self.units) == "pressure" else _OF_A_FIELD + _OF_A_COMMAND
+            needs = ("change", "command", "field")
+        elif self.motion.ranges.load:  # neither makes a field; a valve may lag
+            needs = ("field",) if quantity("current", self.units) == "pressure" else ("command", "field")
+        return tuple(name for name, law in CATALOGUE.items() if law.needs in needs)
 
     def with_motion(self, motion: Motion) -> Problem:
         """The problem with another reading of the motion, or another torque to be explained."""

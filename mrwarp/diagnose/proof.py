@@ -39,8 +39,8 @@ _SHOWS = 0.1
 _DIFFERS, _TWICE = 2.0, 2.0
 """Difference between an effect's sizes in two halves, in its standard errors, and their ratio: both from which it is
 no single effect."""
-_DRY, _STATIC = ("coulomb_friction", "load_friction", "position_friction"), 4.0
-"""Dry frictions, and that ratio for them between speeds: a real contact rubs more at rest than when it slides."""
+_STATIC = 4.0
+"""That ratio for dry frictions between speeds."""
 _SPEEDS = ("slow and quick motion", "low and high speed")
 _LOW_SPEED = 0.25
 """Speed, as a share of the typical one, above which Stribeck friction has nothing to do with low speed."""
@@ -49,8 +49,6 @@ _ROUNDS = 6
 
 _LARGER = (1.0, 1.7, 2.8)
 """Factors of the gap from which play is fitted again."""
-_CORNERS = ("torque_sensor_lag", "velocity_lag")
-"""Lags that round a loop's corners, which a law of another shape draws too sharply: to a sample, as it is replayed."""
 _SHORT = "it is shorter than a sample: with this law it may only round the corners of the loop"
 """Why one that is shorter is no cause there."""
 _UNSEEN = 0.1
@@ -59,15 +57,6 @@ HIDDEN_MOTION = "it is a small part of a sample: with a shaft that yields it may
 """Why one that is shorter still is no cause there, and what it would take up no structure."""
 _HIDDEN_BY_PLAY = "it is too small to resolve at your sampling rate"
 """Why a spring next to play is no cause there; play that is none itself hides nothing."""
-_POSITIVE = {
-    "rotor_inertia": "an inertia is above 0",
-    "compliance_with_backlash": "a stiffness is above 0",
-    **dict.fromkeys(("coulomb_friction", "load_friction"), "friction brakes"),
-    "stribeck": "Stribeck friction is larger at low speed",
-    "wear": "what wears loses torque",
-    "temperature_drift": "what warms up loses torque",
-}
-"""Effects whose first number can only be above 0, and why; of those that drift with temperature one of both losses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,7 +189,7 @@ def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
             reasons[effect] = _gain_rejection(before, after)
             # what takes away more than all that is left is no piece of it, for any exact form of its law, but for a
             # lag, which rounds the corners of every loop
-            corners = problem.misfit and effect in _CORNERS
+            corners = problem.misfit and KNOWN[effect].rounds_corners
             if not reasons[effect] and (corners or before.sum() < 2.0 * after.sum()):
                 reasons[effect] = _halves_rejection(effect, fit, problem)
     gains = {e: selection.own_gain.get(e, selection.gain) / selection.base.total for e in selection.named}
@@ -261,7 +250,7 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
         parts = [np.vstack([rows[:-1, p], halves[:, p], rows[-1:, p]]) for p in motion.parts]
         sizes, error = two_sizes(np.stack([part @ part.T for part in parts]))
         small, large = sorted(sizes, key=abs)
-        ratio = _STATIC if effect in _DRY and drive in _SPEEDS else _TWICE
+        ratio = _STATIC if KNOWN[effect].dry and drive in _SPEEDS else _TWICE
         if abs(large - small) > _DIFFERS * error and small / large < 1.0 / ratio:
             return (
                 f"it has no single size: it differs between {drive} by more than chance, and by over {ratio:.0f} times"
@@ -301,9 +290,9 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     parameter = KNOWN[effect].parameters[0]
     if value > (most := parameter.most(ranges)):
         return f"{1e3 * value:.3g} ms are not possible: {parameter.beyond} (at most {1e3 * most:.0f} ms)"
-    if problem.misfit and effect in _CORNERS and value < ranges.dt:
+    if problem.misfit and KNOWN[effect].rounds_corners and value < ranges.dt:
         return _SHORT
-    if effect in _CORNERS and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
+    if KNOWN[effect].rounds_corners and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
         return HIDDEN_MOTION
     if (
         effect == "series_compliance"
@@ -314,7 +303,7 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     if effect == "temperature_drift":
         value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
     if would_be_negative(effect, value):
-        return f"it would be negative: {_POSITIVE[effect]}"
+        return f"it would be negative: {KNOWN[effect].positive}"
     if effect == "stribeck" and fit.parameters.values(fit.x)[effect]["stribeck_speed"] > _LOW_SPEED * ranges.qd:
         return "it would act at nearly all speeds, and Stribeck friction is a matter of low ones"
     counts, bears = problem.weight > 0.0, fit.torque - without_effect(problem, fit, effect)
@@ -326,7 +315,7 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
 
 def would_be_negative(effect: str, value: float) -> bool:
     """Whether the first number of an effect has a sign that no device has."""
-    return effect in _POSITIVE and value <= 0.0
+    return bool(KNOWN[effect].positive) and value <= 0.0
 
 
 def without_effect(problem: Problem, fit: Fit, effect: str) -> np.ndarray:

@@ -111,4 +111,5 @@ LAW = EffectLaw(
     source="dead zone of a coupling, Nordin and Gutman 2002, here on a device without mass",
     depends_on=("qd", "q", "memory"),
     remedy="preload the coupling",
+    yields=True,
 )

@@ -57,4 +57,5 @@ LAW = EffectLaw(
     source="paper section 4.3, current-response delay; an R-L circuit",
     depends_on=("current", "memory"),
     remedy="raise the current controller's bandwidth or its supply voltage",
+    needs="command",
 )

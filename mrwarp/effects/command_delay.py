@@ -37,4 +37,5 @@ LAW = EffectLaw(
     source="paper section 4.3, current-response delay; a bus and its control period",
     depends_on=("current", "memory"),
     remedy="time-stamp the command; shorten the bus cycle",
+    needs="command",
 )

@@ -57,4 +57,5 @@ LAW = EffectLaw(
     source="hysteresis test of a gearbox: lost motion and torsional stiffness, output locked",
     depends_on=("q",),
     remedy="preload the gear; put the encoder on the output",
+    positive="a stiffness is above 0",
 )

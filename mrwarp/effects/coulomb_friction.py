@@ -39,4 +39,6 @@ LAW = EffectLaw(
     source="Coulomb; seals and bearings",
     depends_on=("qd",),
     remedy="check seals and bearings",
+    positive="friction brakes",
+    dry=True,
 )

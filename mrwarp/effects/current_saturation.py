@@ -38,4 +38,5 @@ LAW = EffectLaw(
     source="eq. 18 saturates, eq. 14 does not",
     depends_on=("current",),
     remedy="more steel in the flux path",
+    needs="field",
 )

@@ -27,4 +27,5 @@ LAW = EffectLaw(
     source="field-dependent post-yield viscosity of MR fluids",
     depends_on=("qd", "current"),
     remedy="none needed; it belongs to the fluid",
+    needs="field",
 )

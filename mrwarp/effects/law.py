@@ -239,6 +239,17 @@ class EffectLaw:
     source: str = ""
     depends_on: tuple[str, ...] = ()
     """Variables along which it shows."""
+    positive: str = ""
+    """Why its first number can only be above 0; empty where it may have either sign."""
+    needs: Literal["", "change", "command", "field"] = ""
+    """Control input without which there is no such effect: one that changes, or a changing command that can lag, or
+    the current of a magnetic field."""
+    rounds_corners: bool = False
+    """Whether it rounds a loop's corners, which a law of another shape draws too sharply."""
+    yields: bool = False
+    """Whether the shaft's path then depends on B, K0 and K1, so that the torque is linear in these for small steps."""
+    dry: bool = False
+    """Whether it is dry friction: a real contact rubs more at rest than when it slides."""
     remedy: str = ""
     """The remedy on the bench or the device."""
 

@@ -65,4 +65,7 @@ LAW = EffectLaw(
     source="load-dependent friction of gears (Duclusaud et al. 2025, arXiv 2410.08650, M3) and of seals under pressure",
     depends_on=("qd", "current"),
     remedy="check lubrication and preload; in a gear or a seal it belongs to the device",
+    positive="friction brakes",
+    needs="change",
+    dry=True,
 )

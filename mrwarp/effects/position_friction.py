@@ -46,4 +46,5 @@ LAW = EffectLaw(
     source="Amontons' law, normal force along the path; Armstrong-Helouvry, Dupont and Canudas de Wit 1994",
     depends_on=("q", "qd"),
     remedy="align the guide; look for where it rubs",
+    dry=True,
 )

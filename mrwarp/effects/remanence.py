@@ -43,4 +43,5 @@ LAW = EffectLaw(
     source="Prandtl's play operator; the coercive field of the core",
     depends_on=("current", "memory"),
     remedy="demagnetise by a decaying alternating current; softer core steel",
+    needs="field",
 )

@@ -27,4 +27,5 @@ LAW = EffectLaw(
     source="Newton's second law",
     depends_on=("qdd",),
     remedy="add it to the model's inertia",
+    positive="an inertia is above 0",
 )

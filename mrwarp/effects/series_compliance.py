@@ -84,4 +84,5 @@ LAW = EffectLaw(
     source="elastic joint, Spong 1987, here before a device without mass",
     depends_on=("qd", "memory"),
     remedy="stiffen the coupling, or put the encoder on the device's shaft",
+    yields=True,
 )

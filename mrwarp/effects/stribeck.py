@@ -44,4 +44,5 @@ LAW = EffectLaw(
     source="Stribeck 1902, in the form of Armstrong-Helouvry 1991",
     depends_on=("qd",),
     remedy="other lubricant or seal",
+    positive="Stribeck friction is larger at low speed",
 )

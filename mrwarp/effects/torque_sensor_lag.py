@@ -59,4 +59,5 @@ LAW = EffectLaw(
     source="low-pass of a bridge amplifier, or of the current that a drive reports",
     depends_on=("memory",),
     remedy="log the torque with more bandwidth",
+    rounds_corners=True,
 )

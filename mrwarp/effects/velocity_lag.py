@@ -40,4 +40,5 @@ LAW = EffectLaw(
     source="first-order velocity filter of a motor controller",
     depends_on=("qd", "memory"),
     remedy="derive the velocity from the angle, without phase",
+    rounds_corners=True,
 )

@@ -32,4 +32,5 @@ LAW = EffectLaw(
     source="settling and degradation of the fluid's particles",
     depends_on=("time",),
     remedy="repeat the first run last; stir or replace the fluid",
+    positive="what wears loses torque",
 )

@@ -27,8 +27,8 @@ _K0, _K1 = LINEAR.index("K0"), LINEAR.index("K1")
 SHAPE = ("alpha", "beta", "gamma")
 """Parameters that give the hysteresis its shape."""
 NON_NEGATIVE = ("B", "K0", "K1")
-YIELDING = ("backlash", "series_compliance")
-"""Effects of a shaft whose way depends on B, K0 and K1, so that the torque is linear in these for small steps only."""
+YIELDING = tuple(name for name, law in KNOWN.items() if law.yields)
+"""Effects of a shaft that yields."""
 
 LINEAR_PART = slice(0, len(LINEAR))
 SHAPE_PART = slice(len(LINEAR), len(LINEAR) + len(SHAPE))

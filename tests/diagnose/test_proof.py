@@ -1,6 +1,8 @@
 """A named cause is proven: its interval excludes zero, its size is possible, unseen trajectories gain."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,9 +18,12 @@ from mrwarp.diagnose.proof import (
     _size_rejection,
     select_proven,
     without_parts,
+    would_be_negative,
 )
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection, screen_candidates
+from mrwarp.effects.catalogue import KNOWN
+from mrwarp.effects.law import Ranges
 from tests.diagnose import known
 
 
@@ -228,3 +233,31 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
     found, rejections = without_parts(models, selection, account)
     assert not found.named and [rejection.effect for rejection in rejections] == ["torque_sensor_lag", "cogging"]
     assert rejections[1].reason == reason
+
+
+def test_what_an_effect_can_be_stands_in_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law that says why it is above 0 is never a cause below; one that says nothing may have either sign."""
+    law = KNOWN["torque_bias"]
+    assert not would_be_negative("torque_bias", -1.0)
+    monkeypatch.setitem(KNOWN, "torque_bias", replace(law, positive="a weight pulls down"))
+    assert would_be_negative("torque_bias", -1.0) and not would_be_negative("torque_bias", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("level", "units", "load", "impossible", "possible"),
+    [
+        (0.0, {"current": "A"}, False, {"load_friction", "coil_lag", "remanence"}, {"rotor_inertia"}),
+        (1.0, {"current": "A"}, False, set(), {"load_friction", "coil_lag", "remanence"}),
+        (1.0, {"current": "bar"}, True, {"remanence", "current_saturation"}, {"coil_lag", "command_delay"}),
+        (1.0, {"current": "N·m"}, True, {"remanence", "coil_lag", "command_delay"}, {"load_friction"}),
+    ],
+)
+def test_an_effect_needs_the_control_input_that_makes_it(
+    level: float, units: dict[str, str], load: bool, impossible: set[str], possible: set[str]
+) -> None:
+    """A field for remanence, a command for lags, any change for friction under a load."""
+    motion = SimpleNamespace(current=np.array([1.0, 1.0 + level]), ranges=Ranges(load=load))
+    zero = np.zeros(2)
+    replay, noise = cast(Any, SimpleNamespace(motion=motion)), cast(Any, None)
+    problem = Problem(replay=replay, measured=zero, weight=zero, q_zero=0.0, units=units, noise=noise)
+    assert impossible <= set(problem.impossible) and not possible & set(problem.impossible)
