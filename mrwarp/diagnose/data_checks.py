@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from mrwarp.diagnose.checks.recording_faults import turned_signs
-from mrwarp.diagnose.held_out import HeldOut
-from mrwarp.diagnose.problem import Problem
-from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
-from mrwarp.diagnose.search import Selection
-from mrwarp.diagnose.verdict_text import both, title
 from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing, missed
 from mrwarp.identify.contradictions import MIN_TRAJECTORIES, contradictions
-from mrwarp.identify.dataset import session_clock
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
+
+if TYPE_CHECKING:
+    from mrwarp.diagnose.held_out import HeldOut
+    from mrwarp.diagnose.problem import Problem
+    from mrwarp.diagnose.result import Diagnosis
+    from mrwarp.diagnose.search import Selection
 
 MIN_SECONDS = 10.0
 """Shortest recording, all trajectories together [s]."""
@@ -54,6 +56,8 @@ def hindrances(recording: Recording) -> list[str]:
 
 def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:
     """The result for data that cannot carry a verdict: why, and the recording to make."""
+    from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment  # `mrwarp check` does without
+
     nothing = Error(rmse=float("nan"), nrmse=float("nan"), unit=recording.units["torque"])
     to_make = reasons[0].rsplit("; ", 1)[-1] if "; " in reasons[0] else STANDARD
     following = NextExperiment(what=to_make, seconds=60.0, separates=(), kind="recording")
@@ -73,6 +77,8 @@ def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds
 
 def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
     """Reasons not to believe a finished search: nothing is explained, or the extension predicts no better."""
+    from mrwarp.diagnose.verdict_text import both, title
+
     power = float(problem.weight @ (problem.measured - problem.measured.mean()) ** 2) or 1.0
     before, after = (float(np.sqrt(errors.sum() / power)) for errors in (found.baseline, found.extended))
     if selection.named and after >= before:
@@ -90,6 +96,8 @@ def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[s
 
 def gaps(recording: Recording) -> list[str]:
     """Questions left open although a verdict can be given; each names the recording to make."""
+    from mrwarp.identify.dataset import session_clock
+
     runs = recording.trajectories
     current = np.concatenate([run.current for run in runs])
     top = float(np.abs(current).max())

@@ -6,6 +6,7 @@ A fit always ends somewhere. These checks say where its numbers would mean nothi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import nnls
@@ -19,9 +20,11 @@ from mrwarp.identify.checks.refusal_reason import (
     hardly_moves,
     own_noise,
 )
-from mrwarp.identify.dataset import Dataset
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
+
+if TYPE_CHECKING:
+    from mrwarp.identify.dataset import Dataset
 
 MIN_TRAJECTORIES = 3
 """Fewest trajectories of which one can be predicted by the others."""
@@ -135,7 +138,11 @@ def forewarning(recording: Recording, least: float = UNLIKELY) -> str:
     free, passive = _plain_laws(q, qd, np.concatenate([np.gradient(run.qd, run.dt) for run in runs]), current)
     # a stress that does not yield is a spring about the middle of its run
     left = _left(torque, [*free, np.concatenate([run.q - np.median(run.q) for run in runs])], passive)
-    if left < least or not (reason := followed_instead(Dataset.of(recording), recording.units)):
+    if left < least:
+        return ""
+    from mrwarp.identify.dataset import Dataset  # loads Warp: `mrwarp check` of a good recording does without
+
+    if not (reason := followed_instead(Dataset.of(recording), recording.units)):
         return ""
     return f"plain friction, inertia and stiffness leave {100.0 * left:.0f} % of the torque's variance: {reason}"
 

@@ -31,6 +31,9 @@ from mrwarp.robot_logs.windows import Windows
 ROUNDS = 4
 """Times that outstanding numbers are freed and the robot fitted again."""
 
+SCREENED, KEPT = 3, 8
+"""Every change that is tried is replayed along one window of so many, by long steps; so many of the best along all."""
+
 LOUD, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
 """Directions that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
 one after the other."""
@@ -160,7 +163,9 @@ def _session(model: ReplayModel, groups: list[Windows], parameters: list[Paramet
     moved[free] = searched(theta[free], late, model, groups, own, evidence, prior, low[free], high[free])
     if (np.abs(moved - theta)[free][late] < [own[k].least for k in late]).all():
         return theta
-    return fitted_alone(model, groups, parameters, [], moved, low, high)[0]
+    _, evidence = replayed(evidence, model, groups, own, moved[free])
+    moved[free], _, _ = fit(model, groups, own, moved[free], evidence, prior, low[free], high[free], lambda _: None)
+    return moved
 
 
 def fitted_alone(
@@ -264,8 +269,8 @@ def _loudest(
         elif p.field == "limit" and p.index in (short := _short_of_torque(model, groups)):
             own[k] = [short[p.index] / abs(p.step)]
 
-    def seen(*robots: np.ndarray) -> list[float]:
-        return left_by_each(described, model, groups, parameters, np.array(robots)).tolist()
+    def seen(*robots: np.ndarray, every: int = 1) -> list[float]:
+        return left_by_each(described, model, groups, parameters, np.array(robots), every=every).tolist()
 
     payload = payload_of(parameters)
 
@@ -297,6 +302,9 @@ def _loudest(
             for size in own.get(k, [times * score[k] / information[k] for times in MULTIPLES]):
                 new = np.clip(theta + size * along, low, high)
                 tried.append((new, d, float(new @ prior @ new)))
+        few = seen(*(new for new, _, _ in tried), every=SCREENED)
+        order = np.argsort([left + unlikely for (_, _, unlikely), left in zip(tried, few, strict=True)])
+        tried = [tried[k] for k in order[:KEPT]]
         gains = [
             here - left - unlikely + float(theta @ usual @ theta)
             for (_, _, unlikely), left in zip(tried, seen(*(new for new, _, _ in tried)), strict=True)

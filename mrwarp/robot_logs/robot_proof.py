@@ -100,13 +100,11 @@ def by_replay(
                 theta, here, _ = fit(
                     model, groups, parameters, theta, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
                 )
-            if not np.isfinite(worth[begin]):
-                each = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.square), 1)))[0]
-                each = evidence.weight * each
-            else:
-                each = here.left(theta)
-            if one is None:
-                about, base, least = here, theta, float(each.sum() / evidence.scale + theta @ q @ theta)
+            # the windows' own steps judge: of long ones a window's error is as large as what a small cause changes
+            each = np.tile(theta, (len(evidence.square), 1))
+            each = evidence.weight * losses(evidence, model, groups, parameters, each)[0]
+            if one is None and np.isfinite(worth[begin]):
+                about, base, least = here, theta, float(here.at(theta) / evidence.scale + theta @ q @ theta)
             left.append(each + evidence.scale * float(theta @ q @ theta) / len(each))
         broke = ~np.isfinite(left).all(axis=0)
         return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]

@@ -48,6 +48,10 @@ class Slopes:
     """By parameter, shape (W, P, N)."""
     z: np.ndarray
     """By the window's start, per step of it, and by what wanders in a window of a free robot, shape (W, Z, N)."""
+    windows: Windows
+    """The windows, with the steps of the replays from which derivatives are taken."""
+    base: np.ndarray
+    """Mismatch of these replays where derivatives are taken, 0 where there is no reading, shape (W, N)."""
 
     def scale(self, sigma: dict[str, np.ndarray]) -> np.ndarray:
         """Rest of each channel, one number a reading, shape (N,)."""
@@ -112,18 +116,21 @@ def slopes_of(
 ) -> Slopes:  # fmt: skip
     """Derivatives of a group's replays about ``theta``, (P,), many hypotheses at once.
 
-    Limbs that do not move each other share replays: one robot has a number of each of them changed.
+    Limbs that do not move each other share replays: one robot has a number of each of them changed. What the
+    strength of a held robot's drive changes is the sum of what its gains change, where these make all of its torque.
     """
     replay = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
-    steps, count, total = nuisances(model), windows.count, len(parameters)
-    central = [k for k, p in enumerate(parameters) if p.field in CENTRAL]
-    ahead = np.diag([(CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step for p in parameters])
-    changes = np.concatenate([ahead, -ahead[central], np.zeros((len(steps), total))])
+    steps, count, drawn = nuisances(model), windows.count, {} if model.free else _sums(windows, parameters)
+    own = [k for k in range(len(parameters)) if k not in drawn]
+    central = [i for i, k in enumerate(own) if parameters[k].field in CENTRAL]
+    width = np.array([(CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step for p in parameters])
+    ahead, total = np.diag(width)[own], len(own)
+    changes = np.concatenate([ahead, -ahead[central], np.zeros((len(steps), len(parameters)))])
     starts = np.concatenate([np.zeros((total + len(central), len(steps))), np.diag(steps)])
     seen, limbs = windows.measured, _Limbs(model)
     layout = {name: x.shape[1:] for name, x in mismatch(seen, seen).items()}
-    places = [p.where for p in parameters]
-    places += [places[k] for k in central] + (["robot"] * len(steps) if model.free else list(model.joints) * 2)
+    places = [parameters[k].where for k in own]
+    places += [places[i] for i in central] + (["robot"] * len(steps) if model.free else list(model.joints) * 2)
     robot = limbs.shared(places)
     values, begins = (np.zeros((robot.max() + 2, x.shape[1])) for x in (changes, starts))
     np.add.at(values, robot, changes)
@@ -133,19 +140,37 @@ def slopes_of(
     for first in range(0, len(values), at_once):
         part = np.arange(first, min(first + at_once, len(values)))
         log(f"replaying {count} windows: {first} of {len(values)} robots")
-        own = Hypotheses.of(parameters, np.repeat(values[part], count, axis=0), model)
-        rows.append(replay.left(own, np.tile(np.arange(count), len(part)), np.repeat(begins[part], count, axis=0)))
+        near = Hypotheses.of(parameters, np.repeat(values[part], count, axis=0), model)
+        rows.append(replay.left(near, np.tile(np.arange(count), len(part)), np.repeat(begins[part], count, axis=0)))
     x = np.concatenate(rows).reshape(len(values), count, -1)
     rise = x[-1] - x[robot]  # mismatches fall by what readings rise
     for place, of_one in zip(places, rise, strict=True):
         of_one[:, ~limbs.moved(place, layout)] = 0.0
-    j, z = rise[:total] / np.diag(ahead)[:, None, None].astype(np.float32), rise[total + len(central) :]
-    j[central] = 0.5 * (rise[central] - rise[total : total + len(central)]) / np.diag(ahead)[central, None, None]
+    rise[central] = 0.5 * (rise[central] - rise[total : total + len(central)])
+    j, z = np.zeros((len(parameters), *rise.shape[1:]), dtype=rise.dtype), rise[total + len(central) :]
+    j[own] = rise[:total] / width[own, None, None].astype(np.float32)
+    for k, gains in drawn.items():
+        j[k] = j[gains].sum(axis=0)
     if model.free:
         z = np.concatenate([z, _wandering(windows)])
     for values in (j, z):
         np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
-    return Slopes(layout=layout, j=np.ascontiguousarray(j.swapaxes(0, 1)), z=np.ascontiguousarray(z.swapaxes(0, 1)))
+    base = np.where(np.isnan(side_by_side(mismatch(seen, seen))), 0.0, x[-1])
+    j, z = (np.ascontiguousarray(values.swapaxes(0, 1)) for values in (j, z))
+    return Slopes(layout=layout, j=j, z=z, windows=replay.windows, base=base)
+
+
+def _sums(windows: Windows, parameters: list[Parameter]) -> dict[int, list[int]]:
+    """Of a drive's strength, and of all drives', the gains that make all of its torque; by parameter."""
+    at = {(p.field, p.index): k for k, p in enumerate(parameters) if p.field in ("kp", "kd", "strength")}
+    found = {
+        k: [at["kp", joint], at["kd", joint]]
+        for (field, joint), k in at.items()
+        if field == "strength" and ("kp", joint) in at and ("kd", joint) in at and not windows.feed[2, ..., joint].any()
+    }
+    if len(found) == windows.q.shape[1]:  # a factor on all torques is no other robot than one of that strength
+        found |= {k: sum(found.values(), []) for k, p in enumerate(parameters) if p.field == "scale"}
+    return found
 
 
 class _Limbs:

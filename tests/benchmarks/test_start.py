@@ -27,7 +27,7 @@ def numpy_time(tmp_path_factory: pytest.TempPathFactory) -> float:
 @pytest.mark.parametrize(
     ("words", "limit", "unused"),
     [
-        (STARTS["check"].words, STARTS["check"].limit, {"matplotlib", "torch", "newton", "mujoco", "pxr"}),
+        (STARTS["check"].words, STARTS["check"].limit, {"warp", "matplotlib", "torch", "newton", "mujoco", "pxr"}),
         (STARTS["asset show"].words, STARTS["asset show"].limit, {"scipy", "torch", "newton", "mujoco"}),
         (STARTS["robot show"].words, STARTS["robot show"].limit, {"torch", "newton", "mujoco_warp", "rerun"}),
         (FIT_DEVICE, STARTS["robot show"].limit, {"torch", "newton", "mujoco_warp", "rerun"}),

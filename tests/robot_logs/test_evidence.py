@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from mrwarp.robot_logs.causes import parameters_of
-from mrwarp.robot_logs.evidence import gather, left_by_each, losses
-from mrwarp.robot_logs.replay_model import replay_model
+from mrwarp.robot_logs.evidence import gather, left_by_each, losses, replayed
+from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import load_log
-from mrwarp.robot_logs.windows import cut_windows
+from mrwarp.robot_logs.window_replay import Replay
+from mrwarp.robot_logs.windows import Windows, cut_windows
 from tests.robot_logs.arm_log import arm_log
 
 
@@ -24,7 +25,32 @@ def test_robots_that_are_replayed_at_once_leave_what_each_leaves(tmp_path: Path)
     thetas = np.zeros((2, len(parameters)))
     thetas[1] = [0.2 * p.fault for p in parameters]
     together = left_by_each(evidence, model, groups, parameters, thetas)
-    for theta, left in zip(thetas, together, strict=True):
-        alone = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.square), 1)))[0]
-        assert left == pytest.approx(evidence.weight @ alone / evidence.scale, rel=1e-9)
+    for theta, left, rel in zip(thetas, together, (1e-6, 0.02), strict=True):
+        near, moved = replayed(evidence, model, groups, parameters, theta)
+        assert left == pytest.approx(near / evidence.scale, rel=1e-9)
+        assert near == pytest.approx(moved.at(theta))
+        # where derivatives were taken, long steps leave what the windows' own do, and nearly that elsewhere
+        fine = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.square), 1)))[0]
+        assert near == pytest.approx(evidence.weight @ fine, rel=rel)
     assert together[1] > 2.0 * together[0]
+    some = left_by_each(evidence, model, groups, parameters, thetas, every=2)
+    assert some == pytest.approx(together, rel=0.5) and abs(some - together).min() > 0.0
+
+
+def test_searches_take_the_long_steps_of_the_derivatives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No robot that is tried on the way is replayed by the windows' own steps of a millisecond."""
+    log = load_log(arm_log(tmp_path, seconds=3.0))
+    model = replay_model(tmp_path / "arm.xml", log)
+    parameters, groups = parameters_of(model, log), cut_windows(model, log)
+    evidence = gather(model, groups, parameters, np.zeros(len(parameters)), lambda _: None)
+    taken: list[float] = []
+    begin = Replay.__init__
+
+    def noted(self: Replay, of: ReplayModel, windows: Windows) -> None:
+        taken.append(windows.h)
+        begin(self, of, windows)
+
+    monkeypatch.setattr(Replay, "__init__", noted)
+    replayed(evidence, model, groups, parameters, np.zeros(len(parameters)))
+    left_by_each(evidence, model, groups, parameters, np.zeros((2, len(parameters))))
+    assert taken and min(taken) > 2.0 * max(w.h for w in groups)

@@ -21,10 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.identify.boosting import cross_predicted
 from mrwarp.identify.checks.shared_fit import LEAST_GROUP, RunTable, SharedFit
 from mrwarp.identify.contradictions import DRIVES, opposed, resists
-from mrwarp.identify.dataset import Motion
 from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
 
@@ -237,6 +235,9 @@ def _better(by_rest: np.ndarray, otherwise: np.ndarray, second: np.ndarray) -> f
 
 def _left_by_boosting(recording: Recording, fit: SharedFit, every: int) -> np.ndarray:
     """Rest of each run by boosting after learning on other runs of either group, as mean square, shape (R,)."""
+    from mrwarp.identify.boosting import cross_predicted  # most recordings do without, and so does `mrwarp check`
+    from mrwarp.identify.dataset import Motion
+
     motion = Motion.of(recording)
     kept = np.concatenate([np.arange(part.start, part.stop, every) for part in motion.parts])
     smooth = np.zeros((fit.rows[0].shape[1], len(motion.q)))
