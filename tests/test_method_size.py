@@ -12,7 +12,7 @@ PACKAGES = ("sysid", "diagnose", "identify", "robot_logs")
 FILES = [path for package in PACKAGES for path in sorted((ROOT / "mrwarp" / package).rglob("*.py"))]
 LINES = 60
 """Most lines of a function, without its head and docstring."""
-LONGER = {"mrwarp/robot_logs/robot_fit.py:_loudest": 74}
+LONGER = {"mrwarp/robot_logs/robot_fit.py:_loudest": 68}
 """Functions that are longer still, with the lines that they may have: to be split, never to grow."""
 NUMBERS = {"sysid": 3, "diagnose": 296, "identify": 172, "robot_logs": 293}
 """Numbers in assignments at module level, by package, physics and units among them: each goes down only."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import FLOOR, ORDINARY, SESSION, Parameter
+from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
 from mrwarp.robot_logs.evidence import Evidence, fit, gather, left_by_each, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import cross_validated
@@ -26,28 +26,15 @@ from mrwarp.robot_logs.selection import (
     select,
     vector,
 )
+from mrwarp.robot_logs.single_changes import screened, sizes_of_their_own
 from mrwarp.robot_logs.windows import Windows
 
 ROUNDS = 4
 """Times that outstanding numbers are freed and the robot fitted again."""
 
-SCREENED, KEPT = 3, 8
-"""Every change that is tried is replayed along one window of so many, by long steps; so many of the best along all."""
-
 LOUD, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
 """Directions that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
 one after the other."""
-
-FLOORS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0)
-"""Changes of the floor that are tried next to them, in those of a fault: feet that hardly slip or sink say nothing, by
-derivatives, of how others would."""
-
-FEET = (0.25, 1.0, 4.0)
-"""Changes of each foot."""
-
-LIMITED = 2
-"""Drives whose limit is tried next to them, at the most that they gave: those that gave least of what was asked of
-them. Derivatives see a limit only where it begins to act."""
 
 SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
 """Factor between sizes of a cause that are tried by the replay, how often the range is widened, and then narrowed."""
@@ -260,17 +247,10 @@ def _loudest(
     changes[:, session] -= np.where(plain[:, session].any(axis=1), 0.0, follow / described.scale).T
     information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
 
-    own = {}
-    for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(directions) if len(d.members) == 1):
-        if p.cause in FLOOR:
-            own[k] = [times * p.fault / abs(p.step) for times in FLOORS]
-        elif p.field == "foot":
-            own[k] = [times * p.fault / abs(p.step) for times in FEET]
-        elif p.field == "limit" and p.index in (short := _short_of_torque(model, groups)):
-            own[k] = [short[p.index] / abs(p.step)]
+    own = sizes_of_their_own(directions, model, groups, parameters)
 
-    def seen(*robots: np.ndarray, every: int = 1) -> list[float]:
-        return left_by_each(described, model, groups, parameters, np.array(robots), every=every).tolist()
+    def seen(*robots: np.ndarray) -> list[float]:
+        return left_by_each(described, model, groups, parameters, np.array(robots)).tolist()
 
     payload = payload_of(parameters)
 
@@ -302,9 +282,7 @@ def _loudest(
             for size in own.get(k, [times * score[k] / information[k] for times in MULTIPLES]):
                 new = np.clip(theta + size * along, low, high)
                 tried.append((new, d, float(new @ prior @ new)))
-        few = seen(*(new for new, _, _ in tried), every=SCREENED)
-        order = np.argsort([left + unlikely for (_, _, unlikely), left in zip(tried, few, strict=True)])
-        tried = [tried[k] for k in order[:KEPT]]
+        tried = screened(tried, described, model, groups, parameters)
         gains = [
             here - left - unlikely + float(theta @ usual @ theta)
             for (_, _, unlikely), left in zip(tried, seen(*(new for new, _, _ in tried)), strict=True)
@@ -325,15 +303,6 @@ def _loudest(
         if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
             return theta, [d]
     return theta, []
-
-
-def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, float]:
-    """Most that drives gave relative to their commands, as a change [1], of the :data:`LIMITED` least, by joint."""
-    read = [np.abs(w.measured["tau"]).reshape(-1, len(model.joints)) for w in groups if "tau" in w.measured]
-    if not read:
-        return {}
-    change = np.nanquantile(np.concatenate(read), 0.999, axis=0) / model.asked - 1.0
-    return {int(j): float(change[j]) for j in np.argsort(change)[:LIMITED] if change[j] < 0.0}
 
 
 def _same_drive(own: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
