@@ -199,6 +199,9 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str, default: Opti
             words = respelled(argv, options)
             if default is None:
                 return tyro.cli(read, args=words, prog=prog)
+            # tyro does not know a flag that is set already
+            on = {f"--{name.replace('_', '-')}" for name, value in values(default).items() if value is True}
+            words = [word for word in words if word not in on]
             return tyro.cli(read, args=words, prog=prog, default=default)
     except SystemExit:
         for text in _NO_DEFAULT.sub("", printed.getvalue()).splitlines():

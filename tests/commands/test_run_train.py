@@ -287,3 +287,10 @@ def test_a_training_loads_no_compiler_and_no_pictures_before_it_begins() -> None
     )
     found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert found.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_flag_that_a_checkpoint_holds_may_be_typed_again() -> None:
+    """``train --resume FILE --no-gate`` of a training without a gate: the parser does not know a flag that is set."""
+    saved = parse(Train, ["--no-gate", "--seed", "3"], "mrwarp train")
+    again = parse(Train, ["--no-gate", "--seed", "4"], "mrwarp train", saved)
+    assert again.cfg.run.no_gate and again == parse(Train, ["--seed", "4"], "mrwarp train", saved)
