@@ -96,6 +96,11 @@ class ProgressBar:
         with self._lock:
             print(f"\r\033[K{text}" if self._live else text, file=self._stream, flush=True)
 
+    def log(self, text: str) -> None:
+        """Print a line where no terminal shows the bar: a log of a long stage has figures, too."""
+        if not self._live:
+            self.line(text)
+
     def done(self) -> None:
         """Clear the bar."""
         self._ended.set()

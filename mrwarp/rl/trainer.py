@@ -170,6 +170,8 @@ class Trainer:
             if save:
                 self.save()
                 saved = self.seconds
+                if self.bar is not None:
+                    self.bar.log(f"update {self.iteration}: {progress.figures_line(row)}")
         if not self._stop and [row["iteration"] for row in self.progress.gate_rows[-1:]] != [self.iteration]:
             self._check_gate(writer)
         self.seconds = time.perf_counter() - started

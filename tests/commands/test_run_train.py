@@ -199,7 +199,7 @@ def test_weights_of_reward_terms_are_options(tmp_path: Path, capsys: pytest.Capt
 def test_ctrl_c_exits_130_with_a_checkpoint_to_resume(tmp_path: Path) -> None:
     """SIGINT in the middle of a long run: exit code 130, no traceback, and ``--resume`` goes on from there."""
     out = tmp_path / "run"
-    args = ["--num-envs", "8", "--no-gate", "--out", str(out)]
+    args = ["--num-envs", "8", "--no-gate", "--save-every", "0.5", "--out", str(out)]
     process = start(*args, "--iterations", "100000")
     assert process.stdout is not None
     for line in process.stdout:
