@@ -17,6 +17,7 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
     found = ["", d.sentence]
     advice = f"; {d.next_experiment.what}" if d.next_experiment is not None else ""
     unsaid = [why for why in d.cannot_know if why not in d.sentence]
+    found += [f"  note: {d.spikes.sentence}"] if d.spikes else []
     found += [f"  cannot be known: {why.removesuffix(advice)}" for why in unsaid]
     found += [f"  suspect, not proven: {text.title(s.name)}: {s.reason}" for s in d.suspects]
     found = [true_names(line, d.recording.units) for line in found]

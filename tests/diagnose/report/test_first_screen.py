@@ -7,11 +7,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
+from mrwarp.diagnose.checks.spikes import Spikes
 from mrwarp.diagnose.report import overview_pictures as pictures
 from mrwarp.diagnose.report.diagnosis_page import render
 from mrwarp.diagnose.report.first_screen import MOST_WORDS, fitted
+from mrwarp.diagnose.report.printed import lines
 from mrwarp.diagnose.result import Cause, Suspect, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.robot_logs.report import log_page, log_pictures
@@ -116,3 +119,12 @@ def test_a_robot_is_answered_as_briefly(count: int) -> None:
     if count:
         assert found[0][1].startswith("FR_0: encoder offset +40 mrad") and found[1][1].startswith("40 mrad")
         assert found[2][1].startswith("95 %: 30 to 50 mrad")
+
+
+def test_spikes_are_noted_in_the_terminal() -> None:
+    """They are named next to the verdict, and nothing is where there are none."""
+    at = np.zeros(6400, dtype=bool)
+    spikes = Spikes(samples=88, share=0.014, of_squared_mismatch=0.9, per_trajectory={"run 2": 88}, at=at, known=~at)
+    [note] = [line for line in lines(made_up.make(spikes=spikes), {}) if "spikes" in line]
+    assert note.startswith("  note: 88 samples (1.4 %) are spikes, most of them in run 2 (88)")
+    assert not any("spikes" in line for line in lines(made_up.make(), {}))
