@@ -13,8 +13,12 @@ CATALOGUES = {"mrwarp/effects"}
 """Folders that may have more files: one law each."""
 QUICK_HELP = ("mrwarp/cli.py", "mrwarp/commands/", "paper/commands/")
 """Files that import when they run, so that ``--help`` waits for no engine."""
-ON_USE = ("mrwarp/actuator/newton_drive.py", "mrwarp/viewing/live_view.py", "mrwarp/env/natural_units.py")
-"""Files of which most callers do without one part: the drive without torch and onnx, pictures without rerun."""
+ON_USE = (
+    "mrwarp/actuator/newton_drive.py", "mrwarp/viewing/live_view.py", "mrwarp/env/natural_units.py",
+    "mrwarp/diagnose/checks/recording_faults.py", "mrwarp/diagnose/data_checks.py", "mrwarp/identify/contradictions.py",
+)  # fmt: skip
+"""Files of which most callers do without one part: the drive without torch and onnx, pictures without rerun, and
+``mrwarp check`` without Warp, boosting and the diagnosis."""
 
 
 def test_no_room_is_crowded() -> None:

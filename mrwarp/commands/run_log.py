@@ -64,8 +64,8 @@ class ImportLog(opt.LogOptions):
     def run(self, line: CommandLine) -> int:
         """0 when the log is written, 2 on bad input."""
         from mrwarp.robot_logs.forms.open_log import open_log
+        from mrwarp.robot_logs.forms.save_log import save_log
         from mrwarp.robot_logs.robot_log import describe, is_robot_log, sources
-        from mrwarp.robot_logs.save_log import save_log
 
         _check_free(self.out, self.overwrite)
         if not is_robot_log(self.data):

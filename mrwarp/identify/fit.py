@@ -256,10 +256,10 @@ def read_holding(data: Path, recording: Recording, file: Path | None, log: Progr
         fit_holding(holding.current, holding.torque)
     except RecordingError as error:
         if file is None:
-            log(f"no eq. 18: {found} is not used: {error}")
+            log(f"note: no eq. 18: {found} is not used: {error}")
             return None
         raise RecordingError(f"{found}: {error}") from None
-    log(f"eq. 18: break-away torques of {found}")
+    log(f"note: eq. 18: break-away torques of {found}")
     return holding
 
 

@@ -84,10 +84,9 @@ def set_random_state(content: dict[str, Any], device: torch.device) -> str:
 
 
 def settings(cfg: TrainCfg) -> dict[str, Any]:
-    """Entries of a checkpoint that keep the whole configuration."""
-    return {
-        "seed": cfg.task.seed, "task": record(cfg.task), "learning": plain(cfg.ppo), "run": plain(cfg.run),
-    }  # fmt: skip
+    """Entries of a checkpoint that keep the configuration; folder and command line are those of whoever goes on."""
+    run = {name: value for name, value in plain(cfg.run).items() if name not in ("out", "command")}
+    return {"seed": cfg.task.seed, "task": record(cfg.task), "learning": plain(cfg.ppo), "run": run}
 
 
 def saved_cfg(content: Mapping[str, Any]) -> TrainCfg:

@@ -13,7 +13,7 @@ from mrwarp.options.plain_values import plain, read
 from mrwarp.resources import MODELS
 from mrwarp.usd.robot import CURRENT_GROUPS
 
-FREE = ("threads", "capture", "keep_data", "deterministic", "seed")
+FREE = ("capture", "keep_data", "deterministic", "seed")
 """Fields that say how a task is computed, or that a training has for itself: it may go on with others."""
 
 OLD = {"engine": "backend", "current": "current_by"}
@@ -27,7 +27,7 @@ def record(cfg: TaskCfg) -> dict[str, Any]:
     content |= {"model": source, "engine": cfg.engine.value, "step_dt": cfg.step_dt, "rewards": flat(cfg.rewards)}
     if cfg.terrain == make_terrain_cfg("rough") or cfg.terrain is None:
         content["terrain"] = "rough" if cfg.terrain else "flat"
-    del content["backend"]
+    del content["backend"], content["threads"]  # threads are the machine's, and change no bit
     return content
 
 

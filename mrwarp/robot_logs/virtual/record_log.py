@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.robot_logs.forms.save_log import Kind, save_log
 from mrwarp.robot_logs.robot_log import BASE_CHANNELS, JOINT_CHANNELS, LogRun, TauIs, make_log
-from mrwarp.robot_logs.save_log import Kind, save_log
 from mrwarp.robot_logs.virtual.hidden_effects import Hidden, parse_all
 from mrwarp.robot_logs.virtual.log_sensors import Clean, sense
 from mrwarp.robot_logs.virtual.motions import AIR, WITH_DEVICES, Drives, Readings, make_motion
