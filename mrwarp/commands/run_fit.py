@@ -35,7 +35,7 @@ class Check(opt.LogOptions):
 
     def run(self, line: CommandLine) -> int:
         """0 when it is good to use; a RecordingError says what is wrong with it."""
-        from mrwarp.diagnose.data_checks import hindrances
+        from mrwarp.diagnose.data_checks import no_verdict_reasons
         from mrwarp.identify.contradictions import contradictions, forewarning
         from mrwarp.recording.description import describe, notes
         from mrwarp.recording.load import RecordingError, find_holding, load_holding, load_recording
@@ -54,7 +54,7 @@ class Check(opt.LogOptions):
         recording, tests_file = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
         recording, turned = _signs_turned(recording)
         wrong = contradictions(recording)
-        unproven = [f"no verdict by diagnose: {text}" for text in hindrances(recording) if text not in wrong]
+        unproven = [f"no verdict by diagnose: {text}" for text in no_verdict_reasons(recording) if text not in wrong]
         if warned := "" if wrong else forewarning(recording):
             unproven.append(warned)
         lines = describe(

@@ -188,11 +188,10 @@ def resumed(path: Path, line: CommandLine, ranks: Ranks) -> Train:
             saved = replace(saved, task=replace(saved.task, device="cuda"))  # each process has its own
         default = Train(cfg=replace(saved, run=replace(saved.run, out=path.parent)))
         found = parse(Train, line.argv, line.prog, default)
+        asked = found.priced()
         if "device" not in given(line, Train):
-            asked = found.priced()
-            checkpoint.check_same(path, content, replace(asked, task=replace(asked.task, device=device)))
-        else:
-            checkpoint.check_same(path, content, found.priced())
+            asked = replace(asked, task=replace(asked.task, device=device))
+        checkpoint.check_same(path, content, asked)
         update = int(content["iteration"])
     except checkpoint.CheckpointError:
         raise

@@ -28,7 +28,7 @@ STANDARD = (
 )
 
 
-def hindrances(recording: Recording) -> list[str]:
+def no_verdict_reasons(recording: Recording) -> list[str]:
     """Reasons why no verdict can be given; each names the recording to make."""
     runs = recording.trajectories
     seconds = sum(float(run.t[-1] - run.t[0]) + run.dt for run in runs)

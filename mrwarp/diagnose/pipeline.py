@@ -22,7 +22,7 @@ from mrwarp.diagnose.baseline import (
 from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.checks.recording_faults import RecordingFault, recording_faults, zeros_about
 from mrwarp.diagnose.checks.spikes import Spikes, spikes_of
-from mrwarp.diagnose.data_checks import hindrances, rejections, without_verdict
+from mrwarp.diagnose.data_checks import no_verdict_reasons, rejections, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.first_answer import being_checked, first_answer
 from mrwarp.diagnose.held_out import Account, HeldOut, account_of, hold_out, not_predicted
@@ -74,7 +74,7 @@ def diagnose(
     """
     log = progress or (lambda text: None)
     begun = time.perf_counter()
-    if reasons := hindrances(recording):
+    if reasons := no_verdict_reasons(recording):
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     session = _prepared(recording, effects, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(

@@ -17,6 +17,7 @@ from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import gain_and_t
+from mrwarp.sysid.elimination import grown
 
 _ADDED, _ADDED_SLOWLY = 0.13, 0.06
 """Part of the gain so far that one more effect must add."""
@@ -119,11 +120,13 @@ def _best_model(models: Models, screened: list[Candidate], before: list[Leftover
     if seconds:
         log(f"pairs: {' + '.join(best.effects)} with {', '.join(c.effect for c in seconds[:3])}")
         best = _best_pair(models, passing, candidates, best, seconds)
-        while more := _passing(models, best, candidates):
-            grown = _grow(models, best, more[:3])
-            if not _worth(models, grown):
-                break
-            best = grown
+
+        def better(fit: Fit) -> Fit | None:
+            more = _passing(models, fit, candidates)
+            larger = _grow(models, fit, more[:3]) if more else None
+            return larger if larger is not None and _worth(models, larger) else None
+
+        best = grown(best, better)
     return confirmed(models, _pruned(models, best), before)
 
 

@@ -91,7 +91,7 @@ class TaskCfg(PlantCfg):
     lstm_state: Fixed[LstmState] = LstmState.CARRIED
     """State with which the LSTM of a learned ``actuator`` begins each sample."""
     residual_engine: ResidualEngine = ResidualEngine.KERNELS
-    """what evaluates a learned --actuator: our kernels, or torch on the same arrays, slower"""
+    """engine of a learned --actuator: our kernels, or torch on the same arrays, slower"""
     window_capacity: Fixed[float] = 1.0
     """GPU threads for a learned torque as a share of all devices; if more gates are open they take several in turn.
     16 % are while walking."""
@@ -100,7 +100,7 @@ class TaskCfg(PlantCfg):
     gains: Fixed[tuple[float, float] | None] = None
     """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps the asset's. The low gain while holding stays."""
     current_by: CurrentCommand = CurrentCommand.FIXED
-    """what commands the coils within --current: the gates alone, a law at 50 Hz, or the policy, an action for each"""
+    """source of the coil currents within --current: the gates alone, a law at 50 Hz, or the policy, an action each"""
     coil_lag: opt.OptionalLag = None
     """time constant of the coils [s] (default: the devices' own)"""
     hold_speed: Annotated[float | None, opt.one(opt.positive, "W")] = None
@@ -120,7 +120,7 @@ class TaskCfg(PlantCfg):
     randomize: Annotated[RandomizeCfg | None, opt.named(make_randomize_cfg, RANDOMIZATIONS)] = field(
         default_factory=RandomizeCfg
     )
-    """what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"""
+    """differences between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"""
     rewards: Annotated[RewardCfg, opt.some_as_one(read_rewards, "TERM=WEIGHT"), arg(name="reward")] = field(
         default_factory=RewardCfg
     )

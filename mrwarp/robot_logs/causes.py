@@ -149,25 +149,14 @@ def _of_joint(add: Callable[..., None], model: ReplayModel, log: RobotLog, j: in
     scale = _torque_scale(model, log, j)
     inertia = float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
     dry, wet = scale * np.array([0.01, 0.02, 0.005, 0.05]), scale * np.array([0.002, 0.006, 0.002, 0.02])
+    slow = scale * np.array([0.01, 0.004, 0.01, 0.03])
     rotor = inertia * np.array([0.05, 0.5, 0.05, 2.0])
     rotor[2] = max(rotor[2], UNKNOWN_LATENCY * float(np.nan_to_num(log.kd[j])))
     bound = -float(mj.dof_frictionloss[v]), -float(mj.dof_damping[v]), -0.9 * float(mj.dof_armature[v])
     add("coulomb_friction", joint, "torque", "N·m", "friction", j, *dry, lowest=bound[0])
     add("viscous_friction", joint, "coefficient", "N·m·s/rad", "damping", j, *wet, lowest=bound[1])
     add("rotor_inertia", joint, "inertia", "kg·m²", "armature", j, *rotor, lowest=bound[2])
-    add(
-        "stribeck",
-        joint,
-        "torque",
-        "N·m",
-        "stribeck",
-        j,
-        0.01 * scale,
-        0.004 * scale,
-        0.01 * scale,
-        0.03 * scale,
-        lowest=0.0,
-    )
+    add("stribeck", joint, "torque", "N·m", "stribeck", j, *slow, lowest=0.0)
     add("encoder_offset", joint, "angle", "rad", "offset", j, 0.005, 0.004, 0.010, 0.05)
     if log.kp[j] > 0.0:
         add(SESSION, joint, "angle", "rad", "shift", j, 0.004, 0.005, np.inf, 0.0)
@@ -176,41 +165,14 @@ def _of_joint(add: Callable[..., None], model: ReplayModel, log: RobotLog, j: in
         add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j], lowest=-0.95)
         add("velocity_lag", joint, "time_constant", "s", "lag", j, 0.002, 0.001, 0.003, 0.006, lowest=0.0)
     add("motor_strength", joint, "factor", "1", "strength", j, 0.05, 0.02, 0.04, 0.2, nominal=1.0, lowest=-0.95)
-    add(
-        "torque_limit",
-        joint,
-        "torque",
-        "N·m",
-        "limit",
-        j,
-        -0.1,
-        0.02,
-        0.05,
-        0.3,
-        nominal=model.asked[j],
-        highest=0.0,
-    )
+    add("torque_limit", joint, "torque", "N·m", "limit", j, -0.1, 0.02, 0.05, 0.3, nominal=model.asked[j], highest=0.0)
     if j in model.devices.joint:
         _of_device(add, joint, j)
 
 
 def _of_device(add: Callable[..., None], joint: str, j: int) -> None:
     """Numbers of the magnetorheological device of joint ``j``."""
-    add(
-        "coil_dead",
-        joint,
-        "current_share",
-        "1",
-        "coil",
-        j,
-        0.2,
-        0.02,
-        0.5,
-        1.0,
-        nominal=1.0,
-        lowest=-1.3,
-        highest=0.0,
-    )
+    add("coil_dead", joint, "current_share", "1", "coil", j, 0.2, 0.02, 0.5, 1.0, nominal=1.0, lowest=-1.3, highest=0.0)
     add("coil_lag", joint, "time_constant", "s", "coil_lag", j, 0.004, 0.001, 0.003, 0.02, lowest=0.0)
     add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0, lowest=-0.95)
     # more drag than described is dry friction as any other: see SAME
@@ -249,15 +211,8 @@ def _on_feet(add: Callable[..., None], model: ReplayModel) -> None:
     """Numbers of the trunk, its sensors and the ground, and what is outside the catalogue."""
     mj = model.model
     total = float(mj.body_mass.sum())
-    add(
-        "trunk_mass",
-        model.body_name(model.trunk),
-        "mass",
-        "kg",
-        "mass",
-        model.trunk,
-        *(total * np.array([0.02, 0.008, 0.015, 0.15])),
-    )
+    trunk = total * np.array([0.02, 0.008, 0.015, 0.15])
+    add("trunk_mass", model.body_name(model.trunk), "mass", "kg", "mass", model.trunk, *trunk)
     for k, axis in enumerate("xyz"):
         add("trunk_com", model.body_name(model.trunk), axis, "m", "com", k, 0.01, 0.004, 0.01, 0.04)
     for k, axis in enumerate(("roll", "pitch")):

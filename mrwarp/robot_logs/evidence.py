@@ -264,8 +264,10 @@ def _kept(
         left = np.zeros((0, slopes.j.shape[-1]))
         if len(own):
             each = theta[done : done + len(own)]
-            left = _nearby(model, slopes, rows, parameters, each, own) if nearby else None
-            left = _mismatch(Replay(model, windows), parameters, each, own) if left is None else left
+            if nearby:
+                left = _nearby(model, slopes, rows, parameters, each, own)
+            else:
+                left = _mismatch(Replay(model, windows), parameters, each, own)
         yield own, left
         done += len(own)
 

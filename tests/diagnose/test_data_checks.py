@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose import diagnose
-from mrwarp.diagnose.data_checks import MIN_SAMPLES, MIN_SECONDS, MIN_TRAJECTORIES, gaps, hindrances
+from mrwarp.diagnose.data_checks import MIN_SAMPLES, MIN_SECONDS, MIN_TRAJECTORIES, gaps, no_verdict_reasons
 from mrwarp.recording.load import Recording, Trajectory
 
 
@@ -32,9 +32,9 @@ def changed(recording: Recording, **channels) -> Recording:
     return replace(recording, trajectories=runs)
 
 
-def test_good_recording_has_no_hindrance() -> None:
+def test_nothing_keeps_a_verdict_from_a_good_recording() -> None:
     """Enough motion, current and torque: nothing stands against a verdict and nothing stays unknown."""
-    assert hindrances(good()) == [] and gaps(good()) == []
+    assert no_verdict_reasons(good()) == [] and gaps(good()) == []
 
 
 def test_runs_that_each_begin_at_zero_say_nothing_of_drifts_between_them() -> None:
@@ -73,9 +73,9 @@ def test_runs_that_each_begin_at_zero_say_nothing_of_drifts_between_them() -> No
         "turned current",
     ],
 )
-def test_hindrance_is_named_with_a_remedy(recording: Recording, words: str) -> None:
+def test_a_reason_without_a_verdict_is_named_with_a_remedy(recording: Recording, words: str) -> None:
     """The reason says what is wrong, with its number, and which recording to make."""
-    found = [text for text in hindrances(recording) if words in text]
+    found = [text for text in no_verdict_reasons(recording) if words in text]
     assert len(found) == 1
     assert any(verb in found[0] for verb in ("record", "move it", "use a larger", "try again"))
 
@@ -86,15 +86,15 @@ def test_joint_that_trembles_does_not_move() -> None:
     trembling = changed(
         good(), q=lambda run: 3e-4 * rng.integers(-1, 2, len(run.q)), qd=lambda run: 0.01 * rng.normal(size=len(run.q))
     )  # fmt: skip
-    assert any("does not move" in text for text in hindrances(trembling))
+    assert any("does not move" in text for text in no_verdict_reasons(trembling))
     small = changed(good(), q=lambda run: np.round(run.q / 8e-3) * 8e-3)
-    assert hindrances(small) == []
+    assert no_verdict_reasons(small) == []
 
 
 def test_limits_are_those_that_are_stated() -> None:
     """At the limits themselves a verdict is possible."""
-    assert MIN_TRAJECTORIES == 3 and hindrances(good(runs=3, seconds=4.0)) == []
-    assert hindrances(good(runs=5, seconds=MIN_SECONDS / 5)) == []
+    assert MIN_TRAJECTORIES == 3 and no_verdict_reasons(good(runs=3, seconds=4.0)) == []
+    assert no_verdict_reasons(good(runs=5, seconds=MIN_SECONDS / 5)) == []
     assert round(MIN_SECONDS * 100.0) < MIN_SAMPLES
 
 
@@ -110,7 +110,7 @@ def test_limits_are_those_that_are_stated() -> None:
 def test_current_that_hides_effects_is_said(current, words: str) -> None:
     """With one level, or one in each run, what cannot be known is listed; a verdict is still possible."""
     recording = changed(good(), current=current)
-    assert hindrances(recording) == []
+    assert no_verdict_reasons(recording) == []
     (found,) = gaps(recording)
     assert words in found and "coil lag" in found and "record" in found
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mrwarp import cli
-from mrwarp.diagnose.data_checks import hindrances
+from mrwarp.diagnose.data_checks import no_verdict_reasons
 from mrwarp.identify.fit import fit
 from mrwarp.recording.load import Recording, load_recording, save_recording
 from mrwarp.recording.saturation import mark_saturated
@@ -50,12 +50,12 @@ def test_check_says_which_samples_do_not_count(tmp_path: Path, capsys: pytest.Ca
     save_recording(_clipped(whole, limit), tmp_path / "data")
     recording = load_recording(tmp_path / "data")
     assert {repair.kind for repair in recording.repairs} <= {"saturated", "left_out"} and recording.repairs
-    assert not [text for text in hindrances(recording) if "saturated" in text]
+    assert not [text for text in no_verdict_reasons(recording) if "saturated" in text]
     assert cli.main(["check", str(tmp_path / "data")]) == 0
     assert "the torque stands at the end of its range in" in capsys.readouterr().out
     hard = mark_saturated(_clipped(whole, 0.2 * limit))
     assert all(run.lost is None for run in hard.trajectories) and hard.repairs == ()
-    assert [text for text in hindrances(hard) if "saturated" in text]
+    assert [text for text in no_verdict_reasons(hard) if "saturated" in text]
 
 
 def test_a_peak_is_no_end_of_a_range() -> None:
