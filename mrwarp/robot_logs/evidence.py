@@ -308,6 +308,7 @@ def fit(
         gained=lambda gain, loss: gain < CONVERGED,
         stale=lambda gain, promised: CONVERGED <= gain < TRUSTED * promised,
         renewals=renew,
+        lets_go=True,
     )
     start = None if evidence is None else quadratic(theta, evidence, evidence.at(theta))
     found = minimise(about, theta, low, high, rules=rules, seen=seen, start=start)

@@ -22,10 +22,9 @@ from mrwarp.usd.open_stage import ASSETS
 DT = 0.005
 REVERSALS = 1.4
 """Of the first run, in a second."""
-ONE_SAMPLE = float(np.sqrt(4.0 * REVERSALS * DT))
-"""Largest error, over the torque's size, where a loop that is steeper than a step turns within one sample of each
-reversal: by twice the torque, for the whole of that sample at most. Three reversals are too few to count on a mean."""
-
+ONE_SAMPLE = float(np.sqrt(4.0 / 3.0 * REVERSALS * DT))
+"""Error, over the torque's size, where a loop that is steeper than a step turns within one sample of each reversal: by
+twice the torque, and at a time that is uniform in that sample."""
 KINDS = {
     # sliding torque without and per unit of current, rate of the loop [1/rad], viscosity, stiffness, middle and size of
     # the angle [rad], largest current [A]
