@@ -65,9 +65,13 @@ def simulate(
     from mrwarp.env.vec_env import WalkEnv
 
     cfg = TaskCfg(
-        num_envs=num_envs, seed=seed, threads=threads, backend=BackendKind(backend) if backend else None,
-        actuator=actuator, deterministic=deterministic,
-    )  # fmt: skip
+        num_envs=num_envs,
+        seed=seed,
+        threads=threads,
+        backend=BackendKind(backend) if backend else None,
+        actuator=actuator,
+        deterministic=deterministic,
+    )
     with torch.no_grad():
         env, generator = WalkEnv(cfg), torch.Generator().manual_seed(seed)
         way, ended = [], 0

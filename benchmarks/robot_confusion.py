@@ -212,14 +212,20 @@ def main() -> int:
     parser.add_argument("--sets", type=int, default=12, help="number of cases")
     parser.add_argument("--first", type=int, default=0, help="first case: several processes share a suite")
     parser.add_argument("--seed", type=int, default=0, help="seed of the suite")
-    parser.add_argument("--level", type=float, default=0.4,
-                        help="least level of a cause, in healthy errors of the re-fitted simulation")  # fmt: skip
+    parser.add_argument(
+        "--level", type=float, default=0.4, help="least level of a cause, in healthy errors of the re-fitted simulation"
+    )
     parser.add_argument("--causes", nargs="+", choices=list(SIZES), default=list(SIZES), help="only these")
     parser.add_argument("--robot", default="mr_go", help="mr_go, go1, a USD file or an arm")
     parser.add_argument("--device", default="cpu", help="cpu, or a GPU on which logs are replayed, such as cuda:0")
     parser.add_argument("--policy", type=Path, default=DEFAULT_POLICY, help="walking policy")
-    parser.add_argument("--motion", nargs="+", metavar="NAME=SECONDS", help="motions of every log",
-                        type=lambda x: (x.partition("=")[0], float(x.partition("=")[2] or 20.0)))  # fmt: skip
+    parser.add_argument(
+        "--motion",
+        nargs="+",
+        metavar="NAME=SECONDS",
+        help="motions of every log",
+        type=lambda x: (x.partition("=")[0], float(x.partition("=")[2] or 20.0)),
+    )
     args = parser.parse_args()
     args.motion = args.motion or (AIR if args.family == "proposed" else MIXED)
     check_device(args.device)

@@ -104,9 +104,13 @@ class BoucWenParams(ParamGroup):
     """
 
     q_neutral: float = param(
-        -1.5, "rad", -3.2, 3.2, "neutral stance pose of mrwarp/usd/robot.py",
+        -1.5,
+        "rad",
+        -3.2,
+        3.2,
+        "neutral stance pose of mrwarp/usd/robot.py",
         "Joint angle from which the displacement q_c is measured.",
-    )  # fmt: skip
+    )
     q_offset: float = param(2.39638101e-4, "rad", -1e4, 1e4, _PAPER_BW, "Encoder offset of the bench.")
     q_center: float = param(-1.51224291e-17, "rad", -1e4, 1e4, _PAPER_BW, "Centre of the bench's motion.")
     D: float = param(-0.01917639, "N·m", -_MOST_TORQUE, _MOST_TORQUE, _PAPER_BW, "Constant torque bias.")
@@ -215,16 +219,23 @@ class MotorParams(ParamGroup):
     """The electric motor on the same joint: PD law of eq. 2 with the gain switch of eq. 9."""
 
     kp_base: float = param(
-        35.0, "N·m/rad", 0.0, 1e4,
+        35.0,
+        "N·m/rad",
+        0.0,
+        1e4,
         "not in the paper; public Go1 practice is 20 to 35 (MuJoCo Playground's Go1: 35); 25 cannot stand open loop",
         "Proportional gain with the holding gate closed.",
-    )  # fmt: skip
+    )
     kp_low: float = param(5.0, "N·m/rad", 0.0, 1e4, "paper section 7", "Proportional gain while the device holds.")
     kd: float = param(0.6, "N·m·s/rad", 0.0, 1e3, "not in the paper; Go1 practice 0.5 to 0.7", "Derivative gain.")
     tau_limit: float = param(
-        35.55, "N·m", 0.0, 1e4, "Go1 calf effort limit, unitree_go1 of MuJoCo Menagerie (knee forcerange)",
+        35.55,
+        "N·m",
+        0.0,
+        1e4,
+        "Go1 calf effort limit, unitree_go1 of MuJoCo Menagerie (knee forcerange)",
         "Motor torque limit.",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,9 +246,13 @@ class CoilParams(ParamGroup):
         0.0, "s", 0.0, 10.0, "the paper's model has no lag", "First-order lag from command to coil current; 0 = none."
     )
     coil_resistance: float = param(
-        4.0, "Ohm", 0.0, 1e4, "assumption: not in the paper; small MR brakes lie between 2 and 10",
+        4.0,
+        "Ohm",
+        0.0,
+        1e4,
+        "assumption: not in the paper; small MR brakes lie between 2 and 10",
         "Coil resistance, for the coil's loss and heat; 0 = not known: what hangs on it is left out.",
-    )  # fmt: skip
+    )
     current_max: float = param(1.5, "A", 0.0, 100.0, "paper section 4.1, largest current tested", "Controller limit.")
 
 

@@ -104,8 +104,10 @@ def test_an_answer_is_two_clicks_away(start: str, question: str) -> None:
 def test_wrong_paths_and_names_are_found() -> None:
     """Faults that the tests above look for."""
     assert PATH.findall("see `mrwarp/nowhere.py`, [x](docs/data.md) and mrwarp/kernels/") == [
-        "mrwarp/nowhere.py", "docs/data.md", "mrwarp/kernels/",
-    ]  # fmt: skip
+        "mrwarp/nowhere.py",
+        "docs/data.md",
+        "mrwarp/kernels/",
+    ]
     assert exists("mrwarp.params.MrParams.to_dict")
     assert not exists("mrwarp.params.NoSuchThing") and not exists("mrwarp.nowhere")
 

@@ -108,9 +108,17 @@ def test_replace_changes_one_parameter_and_leaves_the_original():
 
 @pytest.mark.parametrize(
     ("wrong", "meant"),
-    [("K_1", "K1"), ("k1", "K1"), ("tmax", "T_max"), ("alfa", "alpha"), ("coil_resistence", "coil_resistance"),
-     ("kpbase", "kp_base"), ("GAMMA", "gamma"), ("Kd", "kd")],
-)  # fmt: skip
+    [
+        ("K_1", "K1"),
+        ("k1", "K1"),
+        ("tmax", "T_max"),
+        ("alfa", "alpha"),
+        ("coil_resistence", "coil_resistance"),
+        ("kpbase", "kp_base"),
+        ("GAMMA", "gamma"),
+        ("Kd", "kd"),
+    ],
+)
 def test_misspelt_name_is_refused_with_the_nearest(wrong: str, meant: str):
     """The message names the place, the wrong name, the right one and its range."""
     with pytest.raises(ParameterError, match=rf"asset\.usda: .*'{wrong}'; did you mean '{meant}'\? allowed: "):

@@ -246,13 +246,20 @@ OUT_OF_RANGE: dict[str, list[tuple[list[str], str]]] = {
 
 @pytest.mark.parametrize(
     ("command", "args", "message"),
-    [pytest.param(command, *case, id=f"{command} {' '.join(case[0])}") for command, cases in OUT_OF_RANGE.items()
-     for case in cases],
-)  # fmt: skip
+    [
+        pytest.param(command, *case, id=f"{command} {' '.join(case[0])}")
+        for command, cases in OUT_OF_RANGE.items()
+        for case in cases
+    ],
+)
 def test_a_number_out_of_range(
-    command: str, args: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path,
+    command: str,
+    args: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     """Refused when the arguments are read, with the option's name."""
     monkeypatch.chdir(tmp_path)
     line = refused([command, *args], capsys)

@@ -48,3 +48,21 @@ def test_imports_between_rooms_stand_at_the_top_of_files() -> None:
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else modules
             found += [f"{name}:{node.lineno}" for module in modules if module.partition(".")[0] in ("mrwarp", "paper")]
     assert sorted(set(found)) == []
+
+
+def test_only_tables_are_kept_from_the_formatter() -> None:
+    """``# fmt: skip`` stands below a collection of at least four entries on several lines."""
+    found = []
+    for path in (
+        p for folder in ("mrwarp", "paper", "tests", "benchmarks", "train") for p in (ROOT / folder).rglob("*.py")
+    ):
+        text = path.read_text(encoding="utf-8")
+        skips = {i for i, line in enumerate(text.splitlines(), 1) if line.rstrip().endswith("# fmt: " + "skip")}
+        for node in ast.walk(ast.parse(text)) if skips else ():
+            if not isinstance(node, ast.Dict | ast.List | ast.Tuple | ast.Set):
+                continue
+            entries = node.values if isinstance(node, ast.Dict) else node.elts
+            if len({entry.lineno for entry in entries}) > 1 and len(entries) > 3:
+                skips -= set(range(node.lineno, (node.end_lineno or 0) + 2))
+        found += [f"{path.relative_to(ROOT).as_posix()}:{line}" for line in sorted(skips)]
+    assert found == []

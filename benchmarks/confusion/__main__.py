@@ -40,9 +40,15 @@ def main() -> int:
     quiet_libraries(gpu=False)
     try:
         plan = Plan(
-            family=args.family, level=args.level, seed=args.seed, size=args.size, noise=args.noise,
-            base_spread=args.spread, truth_rate=args.truth_rate, kinds=tuple(args.kinds),
-        )  # fmt: skip
+            family=args.family,
+            level=args.level,
+            seed=args.seed,
+            size=args.size,
+            noise=args.noise,
+            base_spread=args.spread,
+            truth_rate=args.truth_rate,
+            kinds=tuple(args.kinds),
+        )
         if args.only is not None:
             _one(plan, args)
             return 0
@@ -62,9 +68,15 @@ def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
         print(line, flush=True)
 
     return run_suite(
-        plan, args.sets, args.out, jobs=args.jobs, check_gain=args.check_gain, resolve=args.resolve, known=args.known,
+        plan,
+        args.sets,
+        args.out,
+        jobs=args.jobs,
+        check_gain=args.check_gain,
+        resolve=args.resolve,
+        known=args.known,
         report=report,
-    )  # fmt: skip
+    )
 
 
 def _one(plan: Plan, args: argparse.Namespace) -> None:

@@ -250,9 +250,13 @@ def make_case(
     assert motion is not None
     device = plain.with_effects(effects)
     rendering = Rendering(
-        **(LINEAR if linear else {}), **(VOLTAGE if voltage else {}),
-        linear=linear, voltage=voltage, velocity=velocity, session_clock=session_clock,
-    )  # fmt: skip
+        **(LINEAR if linear else {}),
+        **(VOLTAGE if voltage else {}),
+        linear=linear,
+        voltage=voltage,
+        velocity=velocity,
+        session_clock=session_clock,
+    )
     outside = tuple(name for name in hidden if name in UNCATALOGUED)
     return Case(
         seed=seed,
@@ -338,9 +342,13 @@ def write_recording(recording: Recording, folder: str | Path) -> None:
         if run.qd_derived:
             names.remove("qd")
         np.savetxt(
-            folder / f"{run.id}.csv", np.stack([getattr(run, name) for name in names], axis=1),
-            fmt="%.10g", delimiter=",", header=",".join(names), comments="",
-        )  # fmt: skip
+            folder / f"{run.id}.csv",
+            np.stack([getattr(run, name) for name in names], axis=1),
+            fmt="%.10g",
+            delimiter=",",
+            header=",".join(names),
+            comments="",
+        )
 
 
 def _stream(seed: int, *stream: int) -> np.random.SeedSequence:

@@ -75,10 +75,14 @@ def joined(a: Motion, b: Motion) -> Motion:
     edge = np.concatenate([wide(m.command.edge, constant_values=np.inf) for m in (a, b)])
     level = np.concatenate([wide(m.command.target, mode="edge") for m in (a, b)])
     return Motion(
-        kind=(*a.kind, *b.kind), rate=a.rate, substeps=a.substeps, q=np.concatenate([a.q, b.q]),
-        qd=np.concatenate([a.qd, b.qd]), command=Current(edge=edge, target=level, start=level),
+        kind=(*a.kind, *b.kind),
+        rate=a.rate,
+        substeps=a.substeps,
+        q=np.concatenate([a.q, b.q]),
+        qd=np.concatenate([a.qd, b.qd]),
+        command=Current(edge=edge, target=level, start=level),
         start=np.concatenate([a.start, b.start]),
-    )  # fmt: skip
+    )
 
 
 def _goes_on(device: Device, first: Motion, both: Motion) -> Device:
@@ -95,13 +99,19 @@ def _repeated(first: Motion, proposal: Proposal) -> Motion:
     count = int(proposal.settings["runs"])
     ends = float(first.start[-1] + first.t[-1])
     return Motion(
-        kind=("again",) * count, rate=first.rate, substeps=first.substeps, q=first.q[:count], qd=first.qd[:count],
+        kind=("again",) * count,
+        rate=first.rate,
+        substeps=first.substeps,
+        q=first.q[:count],
+        qd=first.qd[:count],
         command=replace(
-            first.command, edge=first.command.edge[:count], target=first.command.target[:count],
+            first.command,
+            edge=first.command.edge[:count],
+            target=first.command.target[:count],
             start=first.command.start[:count],
         ),
         start=ends + proposal.settings["rest_seconds"] + first.start[:count] - first.start[0],
-    )  # fmt: skip
+    )
 
 
 def _moved(case: Case, proposal: Proposal, rng: np.random.Generator) -> Motion:
@@ -126,9 +136,14 @@ def _moved(case: Case, proposal: Proposal, rng: np.random.Generator) -> Motion:
     rest = rng.uniform(5.0, 30.0, count)
     ends = float(first.start[-1] + first.t[-1])
     return Motion(
-        kind=("experiment",) * count, rate=first.rate, substeps=first.substeps, q=np.stack(q), qd=np.stack(qd),
-        command=Current.steps(edges, levels), start=ends + np.cumsum(rest + seconds) - seconds,
-    )  # fmt: skip
+        kind=("experiment",) * count,
+        rate=first.rate,
+        substeps=first.substeps,
+        q=np.stack(q),
+        qd=np.stack(qd),
+        command=Current.steps(edges, levels),
+        start=ends + np.cumsum(rest + seconds) - seconds,
+    )
 
 
 def _current(how: str, share: float, seconds: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -27,8 +27,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 """Other recordings, for the family "other"."""
 
-_NONE = [(noise, size, spread) for spread in (0.02, 0.2) for size in ("large", "small") for noise in
-         ("realistic", "harsh", "clean")]  # fmt: skip
+_NONE = [
+    (noise, size, spread)
+    for spread in (0.02, 0.2)
+    for size in ("large", "small")
+    for noise in ("realistic", "harsh", "clean")
+]
 
 
 @dataclass(frozen=True, kw_only=True)

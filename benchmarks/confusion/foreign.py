@@ -15,15 +15,30 @@ Numbers = Mapping[str, float]
 
 TYPICAL: dict[str, dict[str, float]] = {
     "spencer": {
-        "alpha0": 6.0, "alpha1": 18.0, "c0": 0.10, "c0_current": 0.05, "c1": 3.0, "c1_current": 2.0, "k0": 1.0,
-        "k1": 0.25, "gamma": 8.0, "beta": 8.0, "A": 1.6,
+        "alpha0": 6.0,
+        "alpha1": 18.0,
+        "c0": 0.10,
+        "c0_current": 0.05,
+        "c1": 3.0,
+        "c1_current": 2.0,
+        "k0": 1.0,
+        "k1": 0.25,
+        "gamma": 8.0,
+        "beta": 8.0,
+        "A": 1.6,
     },
     "kwok": {
-        "c": 0.08, "c_current": 0.08, "k": 0.3, "beta": 1.6, "delta": 0.45, "yield0": 0.25, "yield1": 1.2,
+        "c": 0.08,
+        "c_current": 0.08,
+        "k": 0.3,
+        "beta": 1.6,
+        "delta": 0.45,
+        "yield0": 0.25,
+        "yield1": 1.2,
         "offset": 0.03,
     },
     "guo": {"c": 0.10, "yield0": 0.25, "yield1": 1.7, "steepness": 3.0, "speed0": 0.25, "rise": 6.0, "k": 0.2},
-}  # fmt: skip
+}
 
 LAWS = tuple(TYPICAL)
 """Laws by name."""

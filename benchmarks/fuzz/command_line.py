@@ -24,8 +24,15 @@ def run_cli(folder: Path, rng: random.Random) -> tuple[str, list[str]]:
         argv.append(rng.choice(flags) if flags and rng.random() < 0.6 else rng.choice(words))
         if rng.random() < 0.7:
             argv.append(rng.choice(words))
-    argv += ["--device", "cuda:98", "--out", str(folder / "file" / "x"), "--policy", str(folder / "none.onnx"),
-             str(folder / "no data")]  # fmt: skip
+    argv += [
+        "--device",
+        "cuda:98",
+        "--out",
+        str(folder / "file" / "x"),
+        "--policy",
+        str(folder / "none.onnx"),
+        str(folder / "no data"),
+    ]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:

@@ -17,8 +17,11 @@ def csv_seeds() -> list[bytes]:
     t = 0.005 * np.arange(60)
     q, current = np.sin(6.0 * t), np.where(t < 0.1, 0.5, 1.0)
     qd, torque = 6.0 * np.cos(6.0 * t), 2.0 * np.cos(6.0 * t)
-    rows = [f"{a:.4f},{b:.6f},{c:.6f},{d},{e:.6f},{'a' if k < 60 else 'b'},21.5" for k in range(120)
-            for a, b, c, d, e in [(t[k % 60], q[k % 60], qd[k % 60], current[k % 60], torque[k % 60])]]  # fmt: skip
+    rows = [
+        f"{a:.4f},{b:.6f},{c:.6f},{d},{e:.6f},{'a' if k < 60 else 'b'},21.5"
+        for k in range(120)
+        for a, b, c, d, e in [(t[k % 60], q[k % 60], qd[k % 60], current[k % 60], torque[k % 60])]
+    ]
     full = '# {"source": "bench", "seed": 1}\nt,q,qd,current,torque,trajectory,temperature\n' + "\n".join(rows) + "\n"
     plain = "t,q,current,torque\n" + "\n".join(f"{t[k]:.4f},{q[k]:.6f},{current[k]},{torque[k]:.6f}" for k in range(60))
     return [full.encode(), plain.encode(), plain.replace("\n", "\r\n").encode(), gzip.compress(plain.encode(), mtime=0)]

@@ -88,10 +88,15 @@ def run_all(cfg: GpuCfg, policy: Policy, progress: Callable[[str, float], None])
     if "training" in cfg.parts and cfg.updates:
         count = AIMED_AT if AIMED_AT in cfg.num_envs else max(cfg.num_envs)
         with tempfile.TemporaryDirectory() as folder:
-            figures["training"] = {str(count): training.measure(
-                Path(folder), num_envs=count, updates=cfg.updates, device=cfg.device,
-                progress=lambda share: progress(f"training, {count} robots", share),
-            )}  # fmt: skip
+            figures["training"] = {
+                str(count): training.measure(
+                    Path(folder),
+                    num_envs=count,
+                    updates=cfg.updates,
+                    device=cfg.device,
+                    progress=lambda share: progress(f"training, {count} robots", share),
+                )
+            }
         found = figures["training"][str(count)]
         values[f"training @{count}"] = found["steps_per_second"]
         ratios[f"learn share @{count}"] = Spread(**found["learn_share"])

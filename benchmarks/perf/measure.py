@@ -82,9 +82,12 @@ def run_all(cfg: PerfCfg, policy: Policy, progress: Callable[[str, float], None]
         if "training" in cfg.parts and cfg.updates:
             for count in [n for n in cfg.num_envs if n in AIMED_AT]:
                 figures.setdefault("training", {})[str(count)] = found = training.measure(
-                    folder / f"train{count}", num_envs=count, updates=cfg.updates, threads=cfg.threads,
+                    folder / f"train{count}",
+                    num_envs=count,
+                    updates=cfg.updates,
+                    threads=cfg.threads,
                     progress=lambda share, n=count: progress(f"training, {n} robots", share),
-                )  # fmt: skip
+                )
                 ratios[f"learn share @{count}"] = Spread(**found["learn_share"])
     figures["ratios"] = {name: {**value.plain(), "limit": limit_of(name)} for name, value in ratios.items()}
     return figures

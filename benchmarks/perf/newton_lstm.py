@@ -64,7 +64,18 @@ class NewtonLstm:
         at = self._indices
         before, after = self._states
         self._drive.compute(
-            self._q, self._qd, self._target, self._zero, None, at, at, at, at, self.torque, before, 0.005,
-        )  # fmt: skip
+            self._q,
+            self._qd,
+            self._target,
+            self._zero,
+            None,
+            at,
+            at,
+            at,
+            at,
+            self.torque,
+            before,
+            0.005,
+        )
         self._drive.update_state(before, after)
         self._states.reverse()

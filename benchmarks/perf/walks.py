@@ -68,8 +68,12 @@ def variant_cfg(
     """
     settings = {"backend": backend, **VARIANTS[name]}
     cfg = TaskCfg(
-        num_envs=num_envs, threads=threads, seed=seed, device=device, **settings,
-    )  # fmt: skip
+        num_envs=num_envs,
+        threads=threads,
+        seed=seed,
+        device=device,
+        **settings,
+    )
     return replace(cfg, capture=name != "mjwarp_eager")
 
 

@@ -119,7 +119,7 @@ def accuracy_picture(result: Accuracy, path: Path) -> None:
             errors = [value[row] for value in table.values()]
             axis.loglog(
                 steps, errors, "o-", color=COLOURS[coupling.value], label=f"{coupling.value}: order {order:.2f}"
-            )  # fmt: skip
+            )
         axis.axvline(5.0, color="grey", linestyle=":", label="the simulator's step")
         axis.set_xticks([1, 2.5, 5, 10], ["1", "2.5", "5", "10"])
         _label(axis, f"RMS {title} error, {result.profile.pulse_at.size} random runs", "step [ms]", f"[{unit}]")

@@ -73,9 +73,17 @@ def link_scene(mr: MrParams, *, dt: float, link: Link | None = None, brake: bool
     at = np.zeros(1, dtype=np.int32)
     none, nothing = at[:0], np.zeros(1)
     return Scene(
-        model=model, actuators=(joint,), layout=MR_GO, q_adr=at, v_adr=at, friction=nothing, damping=nothing, feet=none,
-        foot_adr=none, floating=False,
-    )  # fmt: skip
+        model=model,
+        actuators=(joint,),
+        layout=MR_GO,
+        q_adr=at,
+        v_adr=at,
+        friction=nothing,
+        damping=nothing,
+        feet=none,
+        foot_adr=none,
+        floating=False,
+    )
 
 
 def yield_torque(mr: MrParams, current: float) -> float:

@@ -47,9 +47,15 @@ class JointBatch:
     """
 
     def __init__(
-        self, model: Model | MrParams | None = None, num: int = 1, *, joints: int | None = None, dt: float,
-        device: str = "cpu", z_step: ZStep = ZStep.EXACT,
-    ) -> None:  # fmt: skip
+        self,
+        model: Model | MrParams | None = None,
+        num: int = 1,
+        *,
+        joints: int | None = None,
+        dt: float,
+        device: str = "cpu",
+        z_step: ZStep = ZStep.EXACT,
+    ) -> None:
         for name, value in (("num", num), ("joints", 1 if joints is None else joints)):
             if value < 1:
                 raise ValueError(f"{name} = {value} must be at least 1")

@@ -79,10 +79,17 @@ class LearnedTorque:
     """
 
     def __init__(
-        self, model: LearnedModel | nn.Module, *, dt: float, engine: ResidualEngine = ResidualEngine.KERNELS,
-        adds: bool = True, lstm_state: LstmState = LstmState.CARRIED, threads: int = 0, evaluate_all: bool = False,
+        self,
+        model: LearnedModel | nn.Module,
+        *,
+        dt: float,
+        engine: ResidualEngine = ResidualEngine.KERNELS,
+        adds: bool = True,
+        lstm_state: LstmState = LstmState.CARRIED,
+        threads: int = 0,
+        evaluate_all: bool = False,
         capacity: float = 1.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if isinstance(model, LearnedModel):
             model.check_rate(dt)
             self.net, self._samples, self._whole = model.net, model.samples, not model.is_residual
@@ -110,9 +117,16 @@ class LearnedTorque:
         self._gather, self._units = None, ()
         if self.engine is ResidualEngine.TORCH:
             self._torch = self._evaluate = TorchTorque(
-                self.net, ring, head, m_dyn, tau_dyn, samples=self._samples, carries=self.carries, whole=self._whole,
+                self.net,
+                ring,
+                head,
+                m_dyn,
+                tau_dyn,
+                samples=self._samples,
+                carries=self.carries,
+                whole=self._whole,
                 evaluate_all=self.evaluate_all,
-            )  # fmt: skip
+            )
             self._fresh, self._keep = self._torch.fresh, (ring, head, m_dyn, tau_dyn)
             return
         state = {name: t.double().numpy() for name, t in self.net.state_dict().items()}
@@ -210,11 +224,14 @@ class LearnedTorque:
             outputs = [wp.zeros(2, dtype=wp.int64, device=device), self._fresh, self._state, tau_dyn]
             self._evaluate, self._help = (
                 record(
-                    lstm_lanes.lstm_carried_lanes_kernel, 1, [weights, out, whole, owner, threads, *inputs], outputs,
+                    lstm_lanes.lstm_carried_lanes_kernel,
+                    1,
+                    [weights, out, whole, owner, threads, *inputs],
+                    outputs,
                     device,
                 )
                 for owner in (1, 0)
-            )  # fmt: skip
+            )
             self._helpers = [_Helper() for _ in range(threads - 1)]
         else:
             assert isinstance(self.net, LstmTorque)  # or nothing would be carried
@@ -223,14 +240,20 @@ class LearnedTorque:
             self._units = (
                 record(learned.lstm_rest_kernel, joints, [rest, head, ring, self._fresh], [self._state], device),
                 record(
-                    learned.lstm_unit_kernel, (learned.HIDDEN // learned.UNITS, fours), [weights, head, ring],
-                    [self._state], device,
+                    learned.lstm_unit_kernel,
+                    (learned.HIDDEN // learned.UNITS, fours),
+                    [weights, head, ring],
+                    [self._state],
+                    device,
                 ),
-            )  # fmt: skip
+            )
             self._evaluate = record(
-                learned.lstm_torque_kernel, m_dyn.shape, [out, whole, head, self._state, m_dyn, tau_dyn],
-                [self._fresh, tau_dyn], device,
-            )  # fmt: skip
+                learned.lstm_torque_kernel,
+                m_dyn.shape,
+                [out, whole, head, self._state, m_dyn, tau_dyn],
+                [self._fresh, tau_dyn],
+                device,
+            )
 
     def _bind_windows(
         self, state: dict[str, np.ndarray], ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array
@@ -266,9 +289,12 @@ class LearnedTorque:
         else:
             weights, out = self._array(lstm_weights(state)), self._array(output_layer(state))
             self._evaluate = record(
-                learned.lstm_window_kernel, places, [weights, out, whole, *inputs, tau_dyn], [scratch(3), tau_dyn],
+                learned.lstm_window_kernel,
+                places,
+                [weights, out, whole, *inputs, tau_dyn],
+                [scratch(3), tau_dyn],
                 device,
-            )  # fmt: skip
+            )
 
     def _array(self, values: np.ndarray) -> wp.array:
         return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float, device=self._device)

@@ -56,9 +56,18 @@ class TorchTorque:
     """
 
     def __init__(
-        self, net: nn.Module, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array, *, samples: int,
-        carries: bool, whole: bool, evaluate_all: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        net: nn.Module,
+        ring: wp.array,
+        head: wp.array,
+        m_dyn: wp.array,
+        tau_dyn: wp.array,
+        *,
+        samples: int,
+        carries: bool,
+        whole: bool,
+        evaluate_all: bool = False,
+    ) -> None:
         self._device = wp.get_device(str(tau_dyn.device))
         self.net = net.to(wp.device_to_torch(self._device)).eval()
         self._ring, self._head = wp.to_torch(ring).flatten(0, 1), wp.to_torch(head)

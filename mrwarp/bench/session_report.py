@@ -78,10 +78,15 @@ def lines(figures: dict[str, Any], cfg: BenchCfg) -> list[str]:
         of_paper = cfg.params.bouc_wen == replace(BoucWenParams(), q_neutral=cfg.params.bouc_wen.q_neutral)
         of_paper = of_paper and cfg.share == 1.0
         rows = [
-            (f"{amps} A", f"{row['mean']:.3f}", f"{row['sd']:.3f}", f"{figures['torque_rms'][amps]['mean']:.3f}",
-             f"{FIGURE_4['bouc_wen'][float(amps)].mean:.3f}" if of_paper else "")
+            (
+                f"{amps} A",
+                f"{row['mean']:.3f}",
+                f"{row['sd']:.3f}",
+                f"{figures['torque_rms'][amps]['mean']:.3f}",
+                f"{FIGURE_4['bouc_wen'][float(amps)].mean:.3f}" if of_paper else "",
+            )
             for amps, row in figures["plain_rmse"].items()
-        ]  # fmt: skip
+        ]
         found += ["", "RMSE [N·m] of eq. 14 with the device's coefficients over ten evaluation trajectories"]
         found += text_table(("current", "mean", "SD", "torque RMS", "paper"), rows)
     return found

@@ -118,10 +118,14 @@ def run_bench(
     if cfg.evaluation_samples:
         excitations = evaluation_excitations(cfg.evaluation_samples, streams[2], pool, share=cfg.share)
         evaluation = record(
-            excitations, cfg, streams[3], {**header, "part": "evaluation"}, (FIT_SHARE, 1.0),
+            excitations,
+            cfg,
+            streams[3],
+            {**header, "part": "evaluation"},
+            (FIT_SHARE, 1.0),
             begin=LOG_DT * recorded.samples,
             progress=lambda s: log(share + (1.0 - share) * s, "evaluation"),
-        )  # fmt: skip
+        )
     return BenchData(fit=recorded, evaluation=evaluation, holding=_holding(cfg, streams[4], header))
 
 

@@ -75,8 +75,14 @@ class Diagnose(opt.LogOptions):
 
         if self.robot is not None or is_robot_log(self.data):
             return self._diagnose_robot(line)
-        own = {"--live": self.live, "--rrd": self.rrd, "--policy": self.policy, "--device": self.device != "cpu",
-               "--map": self.map, "--units": self.units}  # fmt: skip
+        own = {
+            "--live": self.live,
+            "--rrd": self.rrd,
+            "--policy": self.policy,
+            "--device": self.device != "cpu",
+            "--map": self.map,
+            "--units": self.units,
+        }
         if option := next((name for name, given in own.items() if given), ""):
             raise ValueError(f"{option}: {self.data} is the recording of a joint, no robot's log; leave it out")
 
@@ -137,8 +143,12 @@ class Diagnose(opt.LogOptions):
         from mrwarp.viewing.live_view import disconnect, open_sink
         from mrwarp.viewing.viewer import check_viewer
 
-        for name, given in (("--model", self.model), ("--predict", self.predict), ("--impact", self.impact or None),
-                            ("--learn", self.learn or None)):  # fmt: skip
+        for name, given in (
+            ("--model", self.model),
+            ("--predict", self.predict),
+            ("--impact", self.impact or None),
+            ("--learn", self.learn or None),
+        ):
             if given is not None:
                 raise ValueError(f"{name} is for the recording of a joint; {self.data} is a robot's log: leave it out")
         check_output(self.rrd, ".rrd")
@@ -152,9 +162,12 @@ class Diagnose(opt.LogOptions):
             if self.policy is not None:
                 check_walker(self.policy, robot, log.base)
             d = diagnose_log(
-                robot, log, device=self.device, progress=progress,
+                robot,
+                log,
+                device=self.device,
+                progress=progress,
                 answered=lambda early: self._answered_robot(early, line, written),
-            )  # fmt: skip
+            )
             if not d.final:
                 progress.done()
                 return self._said_early(lines(d), progress.seconds)
@@ -201,8 +214,14 @@ class Diagnose(opt.LogOptions):
 
     def _check_quick(self) -> None:
         """Refuse with ``--quick`` what needs a verdict."""
-        later = {"--predict": self.predict, "--impact": self.impact, "--learn": self.learn, "--policy": self.policy,
-                 "--live": self.live, "--rrd": self.rrd}  # fmt: skip
+        later = {
+            "--predict": self.predict,
+            "--impact": self.impact,
+            "--learn": self.learn,
+            "--policy": self.policy,
+            "--live": self.live,
+            "--rrd": self.rrd,
+        }
         if self.quick and (option := next((name for name, given in later.items() if given), "")):
             raise ValueError(f"{option}: needs a verdict, and --quick stops before it; leave one of them out")
 
@@ -275,9 +294,14 @@ class Diagnose(opt.LogOptions):
         if holding is None and (model is None or not model.holding_measured):
             progress(HOLDING_NOTE)
         return diagnose(
-            recording, model=model, holding=holding, seed=self.seed, progress=progress, answered=answered,
+            recording,
+            model=model,
+            holding=holding,
+            seed=self.seed,
+            progress=progress,
+            answered=answered,
             threads=min(core_count(), 8),
-        )  # fmt: skip
+        )
 
     def _extras(
         self, d: Diagnosis, unseen: Recording | None, progress: Callable[[str], None]

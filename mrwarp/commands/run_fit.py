@@ -319,8 +319,13 @@ class Monitor(Options):
             health = monitor.monitor(records, cfg, progress)
         finally:
             progress.done()
-        figures = {"records": health.names, **health.values, "error": health.error, "bounds": health.bounds,
-                   "alarms": health.alarms}  # fmt: skip
+        figures = {
+            "records": health.names,
+            **health.values,
+            "error": health.error,
+            "bounds": health.bounds,
+            "alarms": health.alarms,
+        }
         write_result(self.out, figures, seed=0, command=str(line))
         with drawing("health.png"):
             monitor.picture(health, cfg, self.out / "health.png")

@@ -180,9 +180,12 @@ class RecordLog(Options):
             )
         return LogCfg(
             **self.chosen("robot", "hide", "rate", "current", "tau", "noise", "leave_out", "motion_capture", "seed"),
-            policy=policy, motions=motions, session=self.session_offset, kind=self.format,
+            policy=policy,
+            motions=motions,
+            session=self.session_offset,
+            kind=self.format,
             speeds=(min(self.speed), max(self.speed)) if self.speed else None,
-        )  # fmt: skip
+        )
 
 
 ARM = (("chirp", 30.0), ("slow", 20.0), ("steps", 10.0))

@@ -24,8 +24,24 @@ PAPER = "paper"
 SPEED = 99.0
 """Percentile of the speed that counts as the largest [%]: beyond it the speed is derived from a jump or a spike."""
 
-_OF_THE_PAPER = ("q_offset", "q_center", "D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "z_max", "T_max",
-                 "K", "n", "current_max")  # fmt: skip
+_OF_THE_PAPER = (
+    "q_offset",
+    "q_center",
+    "D",
+    "B",
+    "C",
+    "I1",
+    "K0",
+    "K1",
+    "alpha",
+    "beta",
+    "gamma",
+    "z_max",
+    "T_max",
+    "K",
+    "n",
+    "current_max",
+)
 """The paper's statements on its device: eqs. 14, 15 and 18. It gives neither the coil's resistance nor a mass."""
 
 _OF_A_FIT = "each run, with a zero of its own, predicted by the fit to the others; the law was given, not searched"
@@ -82,11 +98,14 @@ def make_paper_device(library: Path) -> Device:
     model = Model(
         parameters={name: Parameter(value=values[name], unit=MrParams.spec(name).unit) for name in _OF_THE_PAPER},
         fitted_on=FittedOn(
-            source="the paper, sections 2.2 and 4.2", trajectories=0, samples=0, rate=200.0,
+            source="the paper, sections 2.2 and 4.2",
+            trajectories=0,
+            samples=0,
+            rate=200.0,
             current=(0.0, params.coil.current_max),
         ),
         versions=versions(),
-    )  # fmt: skip
+    )
     errors = [found.mean for found in paper.FIGURE_4["bouc_wen"].values()]
     per_current = ", ".join(f"{found.mean:g} at {amps:g} A" for amps, found in paper.FIGURE_4["bouc_wen"].items())
     measured = {

@@ -78,9 +78,14 @@ def diagnose(
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     session = _prepared(recording, effects, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(
-        session.recording, session.problem, session.base, session.screened, faults=session.faults, begun=begun,
+        session.recording,
+        session.problem,
+        session.base,
+        session.screened,
+        faults=session.faults,
+        begun=begun,
         seed=seed,
-    )  # fmt: skip
+    )
     log(being_checked(answer.sentence))
     if not answered(answer):
         return answer

@@ -204,9 +204,16 @@ def law_hysteresis(
     for i in range(wp.static(len(_HYSTERESIS))):
         if law == i + 1:
             h = wp.static(_HYSTERESIS[i].law)(
-                s, q_c, h, values, row, wp.static(COLUMN[_HYSTERESIS[i].name]),
-                memory, line, wp.static(SLOT[_HYSTERESIS[i].name]),
-            )  # fmt: skip
+                s,
+                q_c,
+                h,
+                values,
+                row,
+                wp.static(COLUMN[_HYSTERESIS[i].name]),
+                memory,
+                line,
+                wp.static(SLOT[_HYSTERESIS[i].name]),
+            )
     return h * bound
 
 

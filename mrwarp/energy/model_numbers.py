@@ -102,9 +102,10 @@ def calibrated(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> tuple[st
         return all(sources[name][number][what] for number in CALIBRATED[name])
 
     return tuple(
-        name for name in groups
+        name
+        for name in groups
         if all_of(name, "fitted_in_this_run") or (all_of(name, "calibrated") and all_of("electrical", "calibrated"))
-    )  # fmt: skip
+    )
 
 
 def described(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> dict[str, Any]:

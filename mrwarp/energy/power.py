@@ -43,45 +43,70 @@ class ElectricalCfg(ParamGroup):
     """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not each of the two."""
 
     electronics: float = param(
-        32.4, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
+        32.4,
+        "W",
+        0.0,
+        200.0,
+        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
         "Computers, sensors and drives while the motors give no torque.",
-    )  # fmt: skip
+    )
     winding_resistance: float = param(
-        0.277, "Ohm", 0.0, 2.0,
+        0.277,
+        "Ohm",
+        0.0,
+        2.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; a public motor of this size "
         "(Mini Cheetah's code) has 0.105 to 0.13: trained gaits load the motors less than the real robot's seems to",
         "Phase resistance of a motor with its drive, as if all that grows with torque squared were copper loss.",
-    )  # fmt: skip
+    )
     drive_friction: float = param(
-        3.03, "N·m", 0.0, 10.0,
+        3.03,
+        "N·m",
+        0.0,
+        10.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; MuJoCo Menagerie's Go1 has "
         "0.2, and a damping of 1 to 2 N·m·s/rad that is in part its controllers'",
         "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and every other loss of the "
         "drive that grows with motion and not with load.",
-    )  # fmt: skip
+    )
     torque_constant: float = param(
-        0.639, "N·m/A", 0.45, 0.75,
+        0.639,
+        "N·m/A",
+        0.45,
+        0.75,
         "maker's figure of the GO-M8010-6 behind its gear, as usually quoted; Mini Cheetah's code: 0.45",
         "Torque at hip and thigh per ampere of peak phase current.",
-    )  # fmt: skip
+    )
     calf_gear: float = param(
-        1.5, "1", 1.0, 1.6, "torque limits of the public Go1 description: 35.55/23.7 N·m",
+        1.5,
+        "1",
+        1.0,
+        1.6,
+        "torque limits of the public Go1 description: 35.55/23.7 N·m",
         "Extra gear ratio of the calf.",
-    )  # fmt: skip
+    )
     gear_efficiency: float = param(
         0.9, "1", 0.75, 0.98, "assumed: one planetary stage, 0.85 to 0.95", "Efficiency eta of the gears, both ways."
     )
     regeneration: float = param(
-        1.0, "1", 0.0, 1.0, "assumed: four-quadrant drives on one supply; 0 = a diode blocks it",
+        1.0,
+        "1",
+        0.0,
+        1.0,
+        "assumed: four-quadrant drives on one supply; 0 = a diode blocks it",
         "Share rho of the returned power that other loads use.",
-    )  # fmt: skip
+    )
     coil_efficiency: float = param(
         0.85, "1", 0.5, 1.0, "assumed: small step-down converter, 0.8 to 0.95", "Efficiency of the current controllers."
     )
     controller_idle: float = param(
-        0.25, "W", 0.0, 2.0, "assumed: microcontroller and driver at 5 V, 0.1 to 1 W",
+        0.25,
+        "W",
+        0.0,
+        2.0,
+        "assumed: microcontroller and driver at 5 V, 0.1 to 1 W",
         "What each of the four current controllers draws without current.",
-    )  # fmt: skip
+    )
     copper_coefficient: float = param(
         0.00393, "1/K", 0.0, 0.01, "copper, handbooks", "Rise of the winding resistance per kelvin."
     )
@@ -204,11 +229,14 @@ class BatteryCfg(ParamGroup):
     """Numbers of the battery."""
 
     capacity: float = param(
-        104.6, "W·h", 1.0, 1e4,
+        104.6,
+        "W·h",
+        1.0,
+        1e4,
         "calibrated on Go1's depletion of section 6.5, `mrwarp mission --calibrate`; name plate 21.6 V x 6 Ah = "
         f"{NAME_PLATE:g} W·h, as usually quoted for Go1",
         "Energy between full and empty on the gauge.",
-    )  # fmt: skip
+    )
     voltage: float = param(21.6, "V", 1.0, 1000.0, "Go1: six cells of 3.6 V", "Nominal voltage.")
     resistance: float = param(
         0.06, "Ohm", 0.0, 1.0, "assumed: six cells of about 10 mOhm; 0.03 to 0.15", "Internal resistance."

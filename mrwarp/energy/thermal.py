@@ -32,13 +32,21 @@ class ThermalCfg(ParamGroup):
         1.25, "K/W", 1e-3, 1e3, "Mini Cheetah's public motor code", "From winding to housing, R_wh."
     )
     housing_capacity: float = param(
-        1077.0, "J/K", 1.0, 1e5, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        1077.0,
+        "J/K",
+        1.0,
+        1e5,
+        "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
         "Heat capacity C_h of the housing and what warms up with it; the motor alone, 0.53 kg, has about 300.",
-    )  # fmt: skip
+    )
     housing_resistance: float = param(
-        4.106, "K/W", 1e-3, 1e6, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        4.106,
+        "K/W",
+        1e-3,
+        1e6,
+        "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
         "From housing to air, R_ha.",
-    )  # fmt: skip
+    )
     fluid_capacity: float = param(
         65.0, "J/K", 1.0, 1e4, "assumed: 0.14 kg device (asset) of steel at 460 J/(kg·K)", "Heat capacity C_f."
     )
@@ -46,13 +54,21 @@ class ThermalCfg(ParamGroup):
         8.0, "K/W", 1e-3, 1e4, "assumed: 0.008 m2 of surface at 15 W/(m2·K); 4 to 15", "From fluid to air, R_fa."
     )
     yield_coefficient: float = param(
-        0.002, "1/K", 0.0, 0.05, "assumed: MR fluids lose 5 to 20 % from 20 to 80 degC; 0.001 to 0.004",
+        0.002,
+        "1/K",
+        0.0,
+        0.05,
+        "assumed: MR fluids lose 5 to 20 % from 20 to 80 degC; 0.001 to 0.004",
         "Relative loss of yield stress per kelvin of the fluid.",
-    )  # fmt: skip
+    )
     viscosity_coefficient: float = param(
-        0.02, "1/K", 0.0, 0.2, "assumed: oil-based fluids halve over 30 to 40 K; 0.01 to 0.03",
+        0.02,
+        "1/K",
+        0.0,
+        0.2,
+        "assumed: oil-based fluids halve over 30 to 40 K; 0.01 to 0.03",
         "Exponential loss of viscosity per kelvin of the fluid.",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +85,9 @@ class Temperatures:
     @classmethod
     def ambient(cls, lead: tuple[int, ...], joints: int, devices: int) -> Temperatures:
         """Everything at the temperature of the air."""
-        return cls(winding=np.zeros((*lead, joints)), housing=np.zeros((*lead, joints)),
-                   fluid=np.zeros((*lead, devices)))  # fmt: skip
+        return cls(
+            winding=np.zeros((*lead, joints)), housing=np.zeros((*lead, joints)), fluid=np.zeros((*lead, devices))
+        )
 
 
 def step(

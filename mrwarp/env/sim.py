@@ -243,9 +243,14 @@ class ActuatedSim:
         devices = sum(actuator.mr is not None for actuator in scene.actuators)
         self.current_command = wp.zeros((cfg.num_envs, devices), dtype=float, device=cfg.device)
         inputs = ActuatorInputs(
-            q_des=self.q_des, q=sim.q, qd=sim.qd, f_foot=sim.f_foot, current_e=self.current_e, friction=sim.friction,
+            q_des=self.q_des,
+            q=sim.q,
+            qd=sim.qd,
+            f_foot=sim.f_foot,
+            current_e=self.current_e,
+            friction=sim.friction,
             command=self.current_command if commanded else None,
-        )  # fmt: skip
+        )
         choices = {"cfg": actuator_cfg, "residual": residual, "share_params": share_params}
         self.actuator = MrActuator(scene.actuators, scene.legs, inputs, dt=cfg.dt, **choices)
         self.physics = sim.physics(self.actuator.tau, self.actuator.bound)

@@ -64,9 +64,19 @@ def gather_kernel(
     """Joint state, brake torque, foot force norms and the floating base of one environment."""
     env = wp.tid()
     read_state(
-        env, q_adr, v_adr, floating, qpos_in, qvel_in, q_out, qd_out, root_pos_out, root_quat_out, root_vel_out,
+        env,
+        q_adr,
+        v_adr,
+        floating,
+        qpos_in,
+        qvel_in,
+        q_out,
+        qd_out,
+        root_pos_out,
+        root_quat_out,
+        root_vel_out,
         root_ang_out,
-    )  # fmt: skip
+    )
     for joint in range(q_adr.shape[0]):
         qd, bound = wp.float64(qvel_in[env, v_adr[joint]]), wp.float64(bound_in[env, joint])
         friction_out[env, joint] = wp.float32(constraint_torque(qd, bound, wp.float64(creep)))
@@ -148,9 +158,19 @@ def reset_kernel(
             for joint in range(friction_out.shape[1]):
                 friction_out[env, joint] = 0.0
             read_state(
-                env, q_adr, v_adr, floating, qpos_out, qvel_out, q_out, qd_out, root_pos_out, root_quat_out,
-                root_vel_out, root_ang_out,
-            )  # fmt: skip
+                env,
+                q_adr,
+                v_adr,
+                floating,
+                qpos_out,
+                qvel_out,
+                q_out,
+                qd_out,
+                root_pos_out,
+                root_quat_out,
+                root_vel_out,
+                root_ang_out,
+            )
 
 
 _LARGEST = """
@@ -187,19 +207,32 @@ return (float)worst;
 
 @wp.func_native(_LARGEST)
 def largest_residual(  # pyright: ignore[reportRedeclaration]
-    rowadr: wp.array[int], rownnz: wp.array[int], colind: wp.array[int], env: int, M: wp.array2d[wp.float64],
-    qacc: wp.array2d[wp.float64], qacc_smooth: wp.array2d[wp.float64], qfrc: wp.array2d[wp.float64],
+    rowadr: wp.array[int],
+    rownnz: wp.array[int],
+    colind: wp.array[int],
+    env: int,
+    M: wp.array2d[wp.float64],
+    qacc: wp.array2d[wp.float64],
+    qacc_smooth: wp.array2d[wp.float64],
+    qfrc: wp.array2d[wp.float64],
     scratch: wp.array2d[wp.float64],
-) -> float:  # fmt: skip
+) -> float:
     """Largest component of M*(qacc - qacc_smooth) - qfrc of an environment [N·m]; the scratch has 2 nv columns."""
     ...
 
 
 @wp.func_native(_LARGEST)
 def largest_residual(  # noqa: F811 - Warp takes the one whose types fit
-    rowadr: wp.array[int], rownnz: wp.array[int], colind: wp.array[int], env: int, M: wp.array2d[float],
-    qacc: wp.array2d[float], qacc_smooth: wp.array2d[float], qfrc: wp.array2d[float], scratch: wp.array2d[wp.float64],
-) -> float:  # fmt: skip
+    rowadr: wp.array[int],
+    rownnz: wp.array[int],
+    colind: wp.array[int],
+    env: int,
+    M: wp.array2d[float],
+    qacc: wp.array2d[float],
+    qacc_smooth: wp.array2d[float],
+    qfrc: wp.array2d[float],
+    scratch: wp.array2d[wp.float64],
+) -> float:
     """Largest component of M*(qacc - qacc_smooth) - qfrc [N·m] in single precision; the scratch has 2 nv columns."""
     ...
 

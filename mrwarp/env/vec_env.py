@@ -346,9 +346,13 @@ def _asset(cfg: TaskCfg) -> tuple[RobotAsset, LearnedTorque | None]:
             f"{file}: holds a {model.kind} model; use --actuator {model.kind} or another file"
         )
     residual = LearnedTorque(
-        model, dt=cfg.dt, engine=cfg.residual_engine, lstm_state=cfg.lstm_state, threads=cfg.threads,
+        model,
+        dt=cfg.dt,
+        engine=cfg.residual_engine,
+        lstm_state=cfg.lstm_state,
+        threads=cfg.threads,
         capacity=cfg.window_capacity,
-    )  # fmt: skip
+    )
     try:
         actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model, a.effects)) if a.mr else a for a in asset.actuators)
     except network_file.OtherDeviceError as error:

@@ -148,9 +148,14 @@ class LawSearch:
         """The nearest optimum within the bounds."""
         low, high = self.bounds(layout)
         found = minimise(
-            lambda y: self.evaluate(layout, y), x, low, high, reach=layout.reach(1.0, 1.0), rules=rules,
+            lambda y: self.evaluate(layout, y),
+            x,
+            low,
+            high,
+            reach=layout.reach(1.0, 1.0),
+            rules=rules,
             seen=lambda y, here: replace(here, loss=self.loss(layout, y)),
-        )  # fmt: skip
+        )
         x, (torque, parts) = found.x, found.quadratic.content
         return Solution(layout, x, torque, parts, np.flatnonzero((x > low + 1e-9) & (x < high - 1e-9)))
 
@@ -175,8 +180,9 @@ class LawSearch:
         return [x for _, x in sorted(found, key=lambda item: item[0])[:_STARTS]]
 
 
-def law_search(motion: Motion, q_zero: float, name: str, *, offsets: bool, effects: Sequence[str] = (),
-               threads: int = 1) -> Solution:  # fmt: skip
+def law_search(
+    motion: Motion, q_zero: float, name: str, *, offsets: bool, effects: Sequence[str] = (), threads: int = 1
+) -> Solution:
     """The best fit of one law, from starts on a part of the samples.
 
     Args:
@@ -254,10 +260,8 @@ def fit_law(
     return FitResult(
         estimates=estimates | at_rest,
         combinations={},
-        fixed={
-            "q_offset": 0.0, "q_center": centre, "z_max": BoucWenParams().z_max, "coil_time_constant": 0.0,
-            "alpha": 0.0, "beta": 1.0, "gamma": 0.0,
-        },
+        fixed=dict.fromkeys(("q_offset", "coil_time_constant", "alpha", "gamma"), 0.0)
+        | {"q_center": centre, "z_max": BoucWenParams().z_max, "beta": 1.0},
         units=dict(recording.units),
         source=str(recording.source or "in memory"),
         samples=len(motion.q),
@@ -270,7 +274,7 @@ def fit_law(
         offsets=offsets,
         held_out=held if len(runs) > 1 else None,
         **misfit(recording, simulated, motion, warnings),
-    )  # fmt: skip
+    )
 
 
 def _moving_zeros(unit: str, zeros: np.ndarray) -> str:

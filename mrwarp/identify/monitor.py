@@ -109,8 +109,9 @@ def _strength(recording: Recording, reference: Mapping[str, float]) -> tuple[flo
         np.concatenate(simulate({**loop, name: reference[name]}, recording)) for name in ("K1", "K0")
     )
     h = [by_current, without] if by_current.any() else [without]
-    q, qd, torque, known = (np.concatenate([getattr(r, n) for r in recording.trajectories])
-                            for n in ("q", "qd", "torque", "known"))  # fmt: skip
+    q, qd, torque, known = (
+        np.concatenate([getattr(r, n) for r in recording.trajectories]) for n in ("q", "qd", "torque", "known")
+    )
     run = np.repeat(np.arange(len(recording.trajectories)), [len(r.q) for r in recording.trajectories])
     zeros = (run[:, None] == np.arange(len(recording.trajectories))).astype(float)  # a sensor's zero moves between runs
     table = np.column_stack([h[0], qd, q, *h[1:], zeros])[known]
@@ -133,8 +134,13 @@ def judge(names: Sequence[str], values: Mapping[str, np.ndarray], error: np.ndar
                 mean = float(s[k - m + 1 : k + 1].mean()) - 1.0
                 if k - m + 1 >= first and abs(mean) > bounds[quantity][m] and quantity not in alarms:
                     half = float(stats.t.ppf(0.975, first - 1)) * spread[m]
-                    alarms[quantity] = {"record": names[k], "number": k + 1, "mean_of": m, "change": mean,
-                                        "ci95": [mean - half, mean + half]}  # fmt: skip
+                    alarms[quantity] = {
+                        "record": names[k],
+                        "number": k + 1,
+                        "mean_of": m,
+                        "change": mean,
+                        "ci95": [mean - half, mean + half],
+                    }
     return Health(names=tuple(names), values=share, error=error, bounds=bounds, alarms=alarms)
 
 
@@ -164,8 +170,12 @@ def picture(health: Health, cfg: MonitorCfg, path: Path) -> None:
         judged = series[cfg.baseline :]
         for m, colour in zip(cfg.means, ("#9ecae1", "#4292c6", "#2171b5", "#08306b"), strict=False):
             if m <= len(judged):
-                axis.plot(number[cfg.baseline + m - 1 :], np.convolve(judged, np.ones(m) / m, "valid"), color=colour,
-                          label=f"mean of {m}, healthy within ±{health.bounds[quantity][m]:.1%}")  # fmt: skip
+                axis.plot(
+                    number[cfg.baseline + m - 1 :],
+                    np.convolve(judged, np.ones(m) / m, "valid"),
+                    color=colour,
+                    label=f"mean of {m}, healthy within ±{health.bounds[quantity][m]:.1%}",
+                )
         axis.legend(fontsize=7)
         axis.axvspan(0.5, cfg.baseline + 0.5, color="0.5", alpha=0.1)
         if alarm := health.alarms.get(quantity):

@@ -91,7 +91,7 @@ def gated_command(
     With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping. With ``latch > 1`` a
     device that was holding (``held`` = 1) goes on, regardless of eq. 5, up to ``latch`` times the speed of eq. 8.
     A negative ``allowed`` is a pulse that demagnetises the core: it flows, and the gates are closed.
-    """  # fmt: skip
+    """
     limit = wp.min(allowed, p.current_max)
     if damping == UNGATED:
         return 1.0, 0.0, limit

@@ -98,9 +98,14 @@ def learned_torque_kernel(
                 joint = joint_of[slot]
                 p = params[wp.min(env, params.shape[0] - 1), slot]
                 known, device, bound = device_share(
-                    p, constraint, m_hold_in[env, slot], q_des_in[env, joint] - q_in[env, joint], qd_in[env, joint],
-                    current_in[env, slot], tau_dyn_in[env, slot],
-                )  # fmt: skip
+                    p,
+                    constraint,
+                    m_hold_in[env, slot],
+                    q_des_in[env, joint] - q_in[env, joint],
+                    qd_in[env, joint],
+                    current_in[env, slot],
+                    tau_dyn_in[env, slot],
+                )
                 tau_mr_out[env, slot] = known
                 tau_out[env, joint] = tau_motor_in[env, joint] + device
                 bound_out[env, joint] = bound

@@ -99,9 +99,13 @@ def _spec(
         return [_text(item) for item in (value if isinstance(value, tuple) else (value,))]
 
     return PrimitiveConstructorSpec(
-        nargs=nargs, metavar=metavar, instance_from_str=read, is_instance=lambda _: True,
-        str_from_instance=shows or shown, choices=tuple(choices) if choices else None,
-    )  # fmt: skip
+        nargs=nargs,
+        metavar=metavar,
+        instance_from_str=read,
+        is_instance=lambda _: True,
+        str_from_instance=shows or shown,
+        choices=tuple(choices) if choices else None,
+    )
 
 
 def _text(value: Any) -> str:

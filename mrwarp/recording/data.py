@@ -34,11 +34,14 @@ NO_INPUT = "none"
 _NAMES = {
     "q": {"rad": "angle", "m": "displacement"},
     "current": {
-        "A": "current", "V": "driver voltage", "N·m": "load torque", "N": "load force",
+        "A": "current",
+        "V": "driver voltage",
+        "N·m": "load torque",
+        "N": "load force",
         **dict.fromkeys(("bar", "mbar", "Pa", "hPa", "kPa", "MPa", "psi"), "pressure"),
     },
     "torque": {"N·m": "torque", "N": "force", "A": "motor current", "V": "motor voltage"},
-}  # fmt: skip
+}
 
 
 def quantity(column: str, units: Mapping[str, str]) -> str:

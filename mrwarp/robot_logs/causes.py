@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -105,18 +105,21 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     found: list[Parameter] = []
 
     def add(
-        cause: str, where: str, name: str, unit: str, field: Field, index: int, *sizes: float, nominal: float = 0.0,
-        lowest: float = -np.inf, highest: float = np.inf, usual: tuple[float, float] = (0.0, 0.0),
-        every_session: bool = False,
-    ) -> None:  # fmt: skip
-        step, spread, least, fault = (float(x) for x in sizes)
+        cause: str,
+        where: str,
+        name: str,
+        unit: str,
+        field: Field,
+        index: int,
+        *sizes: float,
+        nominal: float = 0.0,
+        **bounds: Any,
+    ) -> None:
+        own: dict[str, Any] = dict(zip(("step", "spread", "least", "fault"), map(float, sizes), strict=True))
+        own["nominal"] = float(nominal)
         found.append(
-            Parameter(
-                cause=cause, where=where, name=name, unit=unit, field=field, index=index, step=step, spread=spread,
-                least=least, fault=fault, nominal=float(nominal), lowest=lowest, usual=usual, highest=highest,
-                every_session=every_session,
-            )
-        )  # fmt: skip
+            Parameter(cause=cause, where=where, name=name, unit=unit, field=field, index=index, **own, **bounds)
+        )
 
     for j in range(len(model.joints)):
         _of_joint(add, model, log, j)
@@ -124,10 +127,9 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     # short, for coils without lag read what a row commands until its last moment
     row = float(np.median([run.dt for run in log.runs]))
     # coils show it next to any cause; in the air inertias and gains would be traded for it
-    add(
-        "command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02,
-        usual=(0.0, row + OWN_DELAY), every_session=model.free,
-    )  # fmt: skip
+    sizes = (0.0005, 0.0007 + row, 0.0015, 0.02)
+    usual = (0.0, row + OWN_DELAY)
+    add("command_delay", "robot", "delay", "s", "delay", 0, *sizes, usual=usual, every_session=model.free)
     add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
         add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)
@@ -137,8 +139,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     else:
         for k, axis in enumerate(("roll", "pitch")):
             add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
-        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0,
-            lowest=1.0 / LARGEST_SCALE - 1.0, highest=LARGEST_SCALE - 1.0)  # fmt: skip
+        bounds = {"lowest": 1.0 / LARGEST_SCALE - 1.0, "highest": LARGEST_SCALE - 1.0}
+        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0, **bounds)
     return found
 
 

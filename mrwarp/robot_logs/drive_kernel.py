@@ -77,9 +77,7 @@ def late(values: wp.array3d[float], window: int, joint: int, at: int, share: flo
 
 
 @wp.func
-def device_bound(
-    p: JointParams, strength: float, qd: float, q: float, current: float, z: float, held: int
-) -> float:  # fmt: skip
+def device_bound(p: JointParams, strength: float, qd: float, q: float, current: float, z: float, held: int) -> float:
     """Largest torque of a device that is ``strength`` times as strong [N·m]: eq. 14, or eq. 18 where it holds more."""
     amps = wp.max(current, 0.0)
     stiffness = strength * p.K1

@@ -95,9 +95,11 @@ class Evidence(Pieces):
         """Evidence on some of the parameters, the others as described."""
         k = list(free)
         return replace(
-            self, information=self.information[:, k][:, :, k], score=self.score[:, k],
+            self,
+            information=self.information[:, k][:, :, k],
+            score=self.score[:, k],
             slopes=tuple(replace(x, j=x.j[:, k]) for x in self.slopes),
-        )  # fmt: skip
+        )
 
 
 def gather(
@@ -149,9 +151,17 @@ def gather(
     weight = (weight * distinct)[keep]
     pieces = pieces.some(keep).times(weight)
     return Evidence(
-        **vars(pieces), weight=weight, scale=_overstated(pieces, prior), sigma=sigma, run=run[keep],
-        samples=samples, lost=int((~keep).sum()), slopes=tuple(slopes), rows=tuple(rows), keep=keep,
-    )  # fmt: skip
+        **vars(pieces),
+        weight=weight,
+        scale=_overstated(pieces, prior),
+        sigma=sigma,
+        run=run[keep],
+        samples=samples,
+        lost=int((~keep).sum()),
+        slopes=tuple(slopes),
+        rows=tuple(rows),
+        keep=keep,
+    )
 
 
 def replayed(
@@ -218,9 +228,14 @@ def losses(
 
 
 def left_by_each(
-    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], thetas: np.ndarray,
-    *, every: int = 1,
-) -> np.ndarray:  # fmt: skip
+    evidence: Evidence,
+    model: ReplayModel,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
+    thetas: np.ndarray,
+    *,
+    every: int = 1,
+) -> np.ndarray:
     """Weighted squared mismatch of H robots, (H, P), as the replay has it; in units of a likelihood, shape (H,).
 
     All of them are replayed at once, and those that break are infinitely far off. Of every so many windows that count
@@ -253,9 +268,14 @@ def left_by_each(
 
 
 def _kept(
-    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray,
-    *, nearby: bool = False,
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:  # fmt: skip
+    evidence: Evidence,
+    model: ReplayModel,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
+    theta: np.ndarray,
+    *,
+    nearby: bool = False,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Of each group the windows that count, and their mismatch (W, N) at ``theta``, (W, P); 0 without a reading."""
     first = done = 0
     for windows, slopes, rows in zip(groups, evidence.slopes, evidence.rows, strict=True):
@@ -273,10 +293,19 @@ def _kept(
 
 
 def fit(
-    model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray,
-    evidence: Evidence | None, prior: np.ndarray, low: np.ndarray, high: np.ndarray, log: Callable[[str], None], *,
-    steps: int = 8, renew: int = RENEWED,
-) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
+    model: ReplayModel,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
+    theta: np.ndarray,
+    evidence: Evidence | None,
+    prior: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    log: Callable[[str], None],
+    *,
+    steps: int = 8,
+    renew: int = RENEWED,
+) -> tuple[np.ndarray, Evidence, bool]:
     """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
 
     Derivatives and weights stay those of ``evidence``, about ``theta`` where it is given, while steps gain what they
@@ -326,9 +355,13 @@ def _mismatch(replay: Replay, parameters: list[Parameter], theta: np.ndarray, ow
 
 
 def _nearby(
-    model: ReplayModel, slopes: Slopes, rows: np.ndarray, parameters: list[Parameter], theta: np.ndarray,
+    model: ReplayModel,
+    slopes: Slopes,
+    rows: np.ndarray,
+    parameters: list[Parameter],
+    theta: np.ndarray,
     own: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """As :func:`_mismatch`, by the steps of the derivatives: up to five times as long, in a fifth of the time.
 
     For searches about a robot that is held, and for screening: on feet long steps err by as much as a small cause

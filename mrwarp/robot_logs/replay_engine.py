@@ -150,13 +150,24 @@ class ReplayEngine:
         begin = record(begin_kernel, joints, [v_adr, self._commands, self._at, v], self._states)
         seen = record(record_kernel, robots, [v_adr, self._step, q, v, force], self._record)
         drive = record(
-            drive_kernel, joints,
+            drive_kernel,
+            joints,
             [
-                h, self._windows.before, *self._joints, *about, self._own, self._step, self._at, self._whole,
-                self._share, self._latency, q, v,
+                h,
+                self._windows.before,
+                *self._joints,
+                *about,
+                self._own,
+                self._step,
+                self._at,
+                self._whole,
+                self._share,
+                self._latency,
+                q,
+                v,
             ],
             [*self._states, ctrl, bias, loss],
-        )  # fmt: skip
+        )
         on = record(next_kernel, 1, [1], [self._step])
         # capturing is not for threads, and a CPU gains nothing by it
         return begin, StepGraph([seen, drive, self._physics, on], self.device, eager=self.device.is_cpu), seen

@@ -68,9 +68,13 @@ def robot_of(log: RobotLog, robot: str | None) -> Path:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load
 def diagnose_log(
-    robot: Path, log: RobotLog, *, device: str = "cpu", progress: Callable[[str], None] = lambda _: None,
+    robot: Path,
+    log: RobotLog,
+    *,
+    device: str = "cpu",
+    progress: Callable[[str], None] = lambda _: None,
     answered: Callable[[RobotDiagnosis], bool] = lambda _: True,
-) -> RobotDiagnosis:  # fmt: skip
+) -> RobotDiagnosis:
     """Diagnose a log against a robot's description, with replays on a Warp ``device``.
 
     ``answered`` takes the first answer, which is not final; the diagnosis ends with it where that returns False.
@@ -194,15 +198,24 @@ def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _J
     found, refuted = by_replay(found, model, groups, evidence, parameters, theta)
     nothing = Sizes(size=np.zeros(len(parameters)), lone=np.zeros(len(parameters)), wider=1.0)
     return _Judged(
-        theta=theta, evidence=evidence, rivals=rivals, found=found, rejected=rejected + refuted, unclear=[],
-        size=nothing, near=evidence,
-    )  # fmt: skip
+        theta=theta,
+        evidence=evidence,
+        rivals=rivals,
+        found=found,
+        rejected=rejected + refuted,
+        unclear=[],
+        size=nothing,
+        near=evidence,
+    )
 
 
 def _alone(
-    case: _Case, judged: _Judged, found: list[Found], start: np.ndarray | None = None,
+    case: _Case,
+    judged: _Judged,
+    found: list[Found],
+    start: np.ndarray | None = None,
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
-) -> tuple[Sizes, Evidence]:  # fmt: skip
+) -> tuple[Sizes, Evidence]:
     """Sizes of causes, fitted alone with the session's offsets from ``start``, (P,), and the evidence there."""
     model, groups, parameters = case.model, case.groups, case.parameters
     start, (low, high) = judged.theta if start is None else start, bounds or bounds_of(parameters)
@@ -281,8 +294,9 @@ def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplain
     acting = outside(pushed, case.groups, case.log)
     always = [
         steady(f.direction, next(iter(c.parameters.values())).value, c.gain, case.log, case.parameters)
-        for f, c in zip(judged.found, named, strict=True) if c.name in OUTSIDE
-    ]  # fmt: skip
+        for f, c in zip(judged.found, named, strict=True)
+        if c.name in OUTSIDE
+    ]
     return joined([*always, *([acting] if acting else [])])
 
 
@@ -335,9 +349,16 @@ def _first_answer(
         first = parameters[d.members[0]]
         values = _values(first, float(np.mean(list(change.values()))), unknown)
         found.append(
-            NamedCause(name=d.cause, where=d.where, parameters=values, p_value=unknown, alternatives=(), gain=unknown,
-                       change=change)
-        )  # fmt: skip
+            NamedCause(
+                name=d.cause,
+                where=d.where,
+                parameters=values,
+                p_value=unknown,
+                alternatives=(),
+                gain=unknown,
+                change=change,
+            )
+        )
     nothing = Error(rmse=unknown, nrmse=unknown, unit="healthy error")
     return RobotDiagnosis(
         verdict=None,

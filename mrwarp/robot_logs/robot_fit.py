@@ -68,9 +68,12 @@ def first_look(
 
 
 def fitted(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None],
+    model: ReplayModel,
+    groups: list[Windows],
+    parameters: list[Parameter],
+    progress: Callable[[str], None],
     look: FirstLook | None = None,
-) -> tuple[np.ndarray, list[Direction], Evidence, dict[Direction, list[Direction]]]:  # fmt: skip
+) -> tuple[np.ndarray, list[Direction], Evidence, dict[Direction, list[Direction]]]:
     """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it.
 
     And of causes of drives that were released, the others with which the replay was nearly as good. ``look`` is the
@@ -99,31 +102,33 @@ def fitted(
         if frozenset(wanted) in fits:  # the last fit asks for itself, or two ask for each other
             break
         released = wanted
-        named = {k for d in released for k in d.members}
         low, high = bounds_of(parameters)
-        idle = [k for k, p in enumerate(parameters) if p.field == "limit" and k not in named]
+        idle = [k for k, p in enumerate(parameters) if p.field == "limit" and not any(k in d.members for d in wanted)]
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
 
         def refit(
-            directions: list[Direction], sizes: Mapping[int, float] | None = None, twin: np.ndarray | None = None,
-            start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
-        ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
+            directions: list[Direction],
+            sizes: Mapping[int, float] | None = None,
+            twin: np.ndarray | None = None,
+            start: np.ndarray = theta,
+            evidence: Evidence = evidence,
+            bounds: tuple[np.ndarray, np.ndarray] = (low, high),
+        ) -> tuple[np.ndarray, Evidence, bool]:
             if twin is not None:
-                start = np.clip(twin, low, high)
+                start = np.clip(twin, *bounds)
             elif directions:
-                first = np.clip(begin, low, high)
+                first = np.clip(begin, *bounds)
                 first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
                 for k, size in (sizes or {}).items():
                     first[k] = size
-                start, _, _ = fitted_alone(model, groups, parameters, directions, first, low, high, described)
+                start, _, _ = fitted_alone(model, groups, parameters, directions, first, *bounds, described)
             _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
-            return fit(model, groups, parameters, start, evidence, prior, low, high, progress)
+            return fit(model, groups, parameters, start, evidence, prior, *bounds, progress)
 
         theta, evidence, fresh = refit(released)
-        judge = functools.partial(left, evidence=evidence)
         theta, released, evidence, fresh = _one_drive(
-            theta, released, evidence, fresh, parameters, refit, judge, rivals
+            theta, released, evidence, fresh, parameters, refit, functools.partial(left, evidence=evidence), rivals
         )
         fits[frozenset(wanted)] = fits[frozenset(released)] = theta, released
         if not fresh:
@@ -156,9 +161,15 @@ def _session(model: ReplayModel, groups: list[Windows], parameters: list[Paramet
 
 
 def fitted_alone(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], released: list[Direction],
-    begin: np.ndarray, low: np.ndarray, high: np.ndarray, described: Evidence | None = None,
-) -> tuple[np.ndarray, Evidence, list[int]]:  # fmt: skip
+    model: ReplayModel,
+    groups: list[Windows],
+    parameters: list[Parameter],
+    released: list[Direction],
+    begin: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    described: Evidence | None = None,
+) -> tuple[np.ndarray, Evidence, list[int]]:
     """The robot with ``released`` and the session's offsets fitted alone by the replay, from ``begin``, (P,).
 
     Far from the truth, where derivatives say little, the other numbers would take up what a large fault leaves.
@@ -191,9 +202,16 @@ def uneven(d: Direction, model: ReplayModel, parameters: list[Parameter]) -> boo
 
 
 def searched(
-    x: np.ndarray, members: list[int], model: ReplayModel, groups: list[Windows], parameters: list[Parameter],
-    evidence: Evidence, prior: np.ndarray, low: np.ndarray, high: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    x: np.ndarray,
+    members: list[int],
+    model: ReplayModel,
+    groups: list[Windows],
+    parameters: list[Parameter],
+    evidence: Evidence,
+    prior: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
     """Parameters, (P,), with ``members`` of the size that the replay is best with, found without derivatives.
 
     Derivatives are those of coarse steps, and of feet that touch: a fit by them ends where they vanish.
@@ -375,12 +393,17 @@ def _unlikely(own: Direction, theta: np.ndarray, parameters: list[Parameter]) ->
 
 
 def _one_drive(
-    theta: np.ndarray, released: list[Direction], evidence: Evidence, fresh: bool, parameters: list[Parameter],
+    theta: np.ndarray,
+    released: list[Direction],
+    evidence: Evidence,
+    fresh: bool,
+    parameters: list[Parameter],
     refit: Callable[
         [list[Direction], Mapping[int, float] | None, np.ndarray | None], tuple[np.ndarray, Evidence, bool]
     ],
-    left: Callable[[np.ndarray, list[Direction]], float], rivals: dict[Direction, list[Direction]],
-) -> tuple[np.ndarray, list[Direction], Evidence, bool]:  # fmt: skip
+    left: Callable[[np.ndarray, list[Direction]], float],
+    rivals: dict[Direction, list[Direction]],
+) -> tuple[np.ndarray, list[Direction], Evidence, bool]:
     """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's.
 
     Those with which it is nearly as good are added to ``rivals``.

@@ -16,9 +16,7 @@ from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suff
 from mrwarp.robot_logs.kinds import LOG_FILE, kind_of
 from mrwarp.run_dir import no_file, one_line
 
-JOINT_CHANNELS = (
-    "q", "q_des", "qd", "qd_des", "tau_ff", "tau", "kp", "kd", "current", "current_cmd", "temperature"
-)  # fmt: skip
+JOINT_CHANNELS = ("q", "q_des", "qd", "qd_des", "tau_ff", "tau", "kp", "kd", "current", "current_cmd", "temperature")
 """Columns ``CHANNEL.JOINT``."""
 
 BASE_CHANNELS = {
@@ -205,9 +203,17 @@ def make_log(
     if base == "free" and not any("quat" in run.base for run in runs):
         notes = [*notes, "the trunk floats, but its orientation (quat) was not logged: it is taken as level at first"]
     return RobotLog(
-        path=path, robot=str(header.get("robot", "")), base=base, joints=joints, kp=np.nan_to_num(kp),
-        kd=np.nan_to_num(kd), tau_is=tau_is, runs=runs, header=header, notes=tuple(notes),
-    )  # fmt: skip
+        path=path,
+        robot=str(header.get("robot", "")),
+        base=base,
+        joints=joints,
+        kp=np.nan_to_num(kp),
+        kd=np.nan_to_num(kd),
+        tau_is=tau_is,
+        runs=runs,
+        header=header,
+        notes=tuple(notes),
+    )
 
 
 def _filled(run: LogRun, channel: str, k: int) -> bool:

@@ -76,9 +76,13 @@ def cross_validated(
 
 
 def by_replay(
-    found: list[Found], model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
+    found: list[Found],
+    model: ReplayModel,
+    groups: list[Windows],
+    evidence: Evidence,
+    parameters: list[Parameter],
     fitted: np.ndarray,
-) -> tuple[list[Found], list[Found]]:  # fmt: skip
+) -> tuple[list[Found], list[Found]]:
     """Causes without which the replay itself, fitted again, is worse, and those that only its derivatives ask for.
 
     A step of a leg is far from linear: next to a large fault derivatives blame neighbours for what the replay with
@@ -113,9 +117,11 @@ def by_replay(
 
 
 def clear_ones(
-    found: list[Found], evidence: Evidence, parameters: list[Parameter],
+    found: list[Found],
+    evidence: Evidence,
+    parameters: list[Parameter],
     alone: Callable[[list[Found]], tuple[Sizes, Evidence]],
-) -> tuple[list[Found], list[Found], Sizes, Evidence]:  # fmt: skip
+) -> tuple[list[Found], list[Found], Sizes, Evidence]:
     """Causes whose 95 % intervals exclude the sizes of healthy robots, and the others, the least clear taken out first.
 
     ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
@@ -219,9 +225,12 @@ def _without(
 
 
 def held_out(
-    model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
+    model: ReplayModel,
+    groups: list[Windows],
+    evidence: Evidence,
+    parameters: list[Parameter],
     *fits: tuple[list[Direction], Evidence, tuple[np.ndarray, np.ndarray]],
-) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:  # fmt: skip
+) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
     """Error of the replay on parts of the log that took no part, before and after, both with their session's offsets.
 
     ``fits`` are the causes of each, the evidence about its fit, and its bounds.

@@ -182,9 +182,13 @@ def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Seq
     folds = in_a_row(len(evidence.square), PARTS)
     parts = one_step(evidence, folds, mean, spread / evidence.scale)
     return Posterior(
-        mean=mean, covariance=spread, precision=q, unbounded=spread @ b,
-        robust=(each**2).sum(axis=1) + own, by_part=np.diag(jackknife(parts)) + own,
-    )  # fmt: skip
+        mean=mean,
+        covariance=spread,
+        precision=q,
+        unbounded=spread @ b,
+        robust=(each**2).sum(axis=1) + own,
+        by_part=np.diag(jackknife(parts)) + own,
+    )
 
 
 def _fault(direction: Direction, parameters: Sequence[Parameter]) -> float:
@@ -246,9 +250,8 @@ def _simplest_drive(
         rest = [f for f in found if f not in pair]
         others = [f.direction for f in rest]
         alone = [
-            d for d in directions_of(parameters)
-            if d.cause in DRIVE and d.where == place and len(d.members) == size
-        ]  # fmt: skip
+            d for d in directions_of(parameters) if d.cause in DRIVE and d.where == place and len(d.members) == size
+        ]
         sure = [d for d in alone if d in confirmed]
         if not alone or (len(pair) == 1 and (len(sure) != 1 or pair[0].direction in sure)):
             continue
@@ -282,9 +285,12 @@ def estimate(k: int, now: Posterior, parameters: Sequence[Parameter]) -> tuple[f
 
 
 def sizes(
-    likelihood: tuple[np.ndarray, np.ndarray], parameters: Sequence[Parameter], released: Sequence[Direction],
-    low: np.ndarray, high: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    likelihood: tuple[np.ndarray, np.ndarray],
+    parameters: Sequence[Parameter],
+    released: Sequence[Direction],
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
     """Changes by which the extended robot fits best, shape (P,): causes and session's offsets, else as described.
 
     ``likelihood`` is of :meth:`~mrwarp.robot_logs.evidence.Evidence.likelihood`.
@@ -301,9 +307,14 @@ def sizes(
 
 
 def half_width(
-    members: Sequence[int], size: float, now: Posterior, parameters: Sequence[Parameter], *, wider: float = 1.0,
+    members: Sequence[int],
+    size: float,
+    now: Posterior,
+    parameters: Sequence[Parameter],
+    *,
+    wider: float = 1.0,
     lone: float,
-) -> float:  # fmt: skip
+) -> float:
     """Half of the 95 % interval about ``size``, the mean of a direction's ``members``.
 
     It is the widest of five: by the model, over windows and over parts, each ``wider`` times as wide; and what the

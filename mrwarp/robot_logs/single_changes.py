@@ -41,9 +41,12 @@ def sizes_of_their_own(
 
 
 def screened(
-    tried: list[tuple[np.ndarray, Direction, float]], described: Evidence, model: ReplayModel, groups: list[Windows],
+    tried: list[tuple[np.ndarray, Direction, float]],
+    described: Evidence,
+    model: ReplayModel,
+    groups: list[Windows],
     parameters: list[Parameter],
-) -> list[tuple[np.ndarray, Direction, float]]:  # fmt: skip
+) -> list[tuple[np.ndarray, Direction, float]]:
     """The :data:`KEPT` best of changed robots, (P,), with what changed and how unlikely it is; by some windows."""
     robots = np.array([robot for robot, _, _ in tried])
     left = left_by_each(described, model, groups, parameters, robots, every=SCREENED)

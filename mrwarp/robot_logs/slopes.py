@@ -82,9 +82,7 @@ class Slopes:
             for by, readings in groups.values()
         ]
 
-    def reduced(
-        self, rows: np.ndarray, sigma: dict[str, np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    def reduced(self, rows: np.ndarray, sigma: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Quadratic forms of the windows about their theta, the starts eliminated.
 
         Args:
@@ -113,7 +111,7 @@ class Slopes:
 
 def slopes_of(
     model: ReplayModel, windows: Windows, parameters: list[Parameter], theta: np.ndarray, log: Callable[[str], None]
-) -> Slopes:  # fmt: skip
+) -> Slopes:
     """Derivatives of a group's replays about ``theta``, (P,), many hypotheses at once.
 
     Limbs that do not move each other share replays: one robot has a number of each of them changed. What the
@@ -202,10 +200,12 @@ class _Limbs:
         """Whether each of a window's N readings is of what a place moves, shape (N,)."""
         limb = self._of.get(place)
         own = np.array([limb is None or self._of.get(joint) == limb for joint in self._joints])
-        return np.concatenate([
-            np.tile(own if columns == len(own) else np.ones(columns, dtype=bool), samples)
-            for samples, columns in layout.values()
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                np.tile(own if columns == len(own) else np.ones(columns, dtype=bool), samples)
+                for samples, columns in layout.values()
+            ]
+        )
 
 
 def _wandering(windows: Windows) -> np.ndarray:

@@ -127,9 +127,13 @@ def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside 
         what = f"a force on {place} of up to {size} N along x, y, z"
     at = listed([f"{begin:.1f} to {end:.1f} s of {name}" for name, begin, end in when])
     return Outside(
-        depends_on=("time",), form=f"{what}, at {at}", share=float(found.share[k].mean()), where=place,
-        when=tuple(when), peak=peak,
-    )  # fmt: skip
+        depends_on=("time",),
+        form=f"{what}, at {at}",
+        share=float(found.share[k].mean()),
+        where=place,
+        when=tuple(when),
+        peak=peak,
+    )
 
 
 def steady(direction: Direction, value: float, share: float, log: RobotLog, parameters: list[Parameter]) -> Outside:
@@ -156,9 +160,11 @@ def joined(found: Sequence[Outside]) -> Outside | None:
         return None
     first = found[0]
     return replace(
-        first, form="; ".join(x.form for x in found), share=min(sum(x.share for x in found), 1.0),
+        first,
+        form="; ".join(x.form for x in found),
+        share=min(sum(x.share for x in found), 1.0),
         depends_on=tuple(dict.fromkeys(name for x in found for name in x.depends_on)),
-    )  # fmt: skip
+    )
 
 
 def listed(places: Sequence[str]) -> str:

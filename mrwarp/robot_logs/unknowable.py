@@ -104,9 +104,13 @@ HALVED = 5
 
 
 def friction_that_holds(
-    evidence: Evidence, model: ReplayModel, log: RobotLog, groups: Sequence[Windows], parameters: list[Parameter],
+    evidence: Evidence,
+    model: ReplayModel,
+    log: RobotLog,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
     theta: np.ndarray,
-) -> float | None:  # fmt: skip
+) -> float | None:
     """Friction of the ground beyond which any would have made the same log [1]; None where a foot slipped.
 
     How well feet hold is known where they slip. Of others the replay excludes what is so low that they would.
@@ -137,9 +141,14 @@ def friction_that_holds(
 
 
 def cannot_know(
-    evidence: Evidence, parameters: list[Parameter], model: ReplayModel, log: RobotLog, now: Posterior,
-    holds: float | None = None, shown: Sequence[Direction] = (),
-) -> tuple[str, ...]:  # fmt: skip
+    evidence: Evidence,
+    parameters: list[Parameter],
+    model: ReplayModel,
+    log: RobotLog,
+    now: Posterior,
+    holds: float | None = None,
+    shown: Sequence[Direction] = (),
+) -> tuple[str, ...]:
     """Causes that no size of interest would have shown in this log, each with the motion to record.
 
     Args:
@@ -167,9 +176,10 @@ def cannot_know(
             found.append(f"{cause}: not looked for in robot logs; {why}")
     limits = [p for k, p in enumerate(parameters) if p.field == "limit" and k not in spoken_of]
     if above := [
-        f"{p.where} beyond {model.asked[p.index]:.3g} N·m" for p in limits
+        f"{p.where} beyond {model.asked[p.index]:.3g} N·m"
+        for p in limits
         if model.asked[p.index] < (1.0 - p.fault) * _limit(model, p.index)
-    ]:  # fmt: skip
+    ]:
         found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {motions['torque_limit'].what}")
     if holds is not None and not any(d.cause == "ground_friction" for d in shown):
         found.append(f"ground_friction of robot beyond {holds:.2g}: no foot slipped; {motions['ground_friction'].what}")

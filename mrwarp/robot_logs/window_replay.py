@@ -120,9 +120,12 @@ class Replay:
         return np.concatenate(self._chunks(changes, window, start, row))
 
     def _chunks(
-        self, changes: Hypotheses, window: np.ndarray, start: np.ndarray,
+        self,
+        changes: Hypotheses,
+        window: np.ndarray,
+        start: np.ndarray,
         made: Callable[[dict[str, np.ndarray], np.ndarray], T],
-    ) -> list[T]:  # fmt: skip
+    ) -> list[T]:
         """Function of the readings and windows of each chunk, in its thread."""
         many = len(window) > FEW_PER_CORE * core_count()
         steppers, most = (self._many, self.at_once) if many else (self._few, CHUNK)
@@ -203,12 +206,18 @@ class _Stepper:
         engine.delay[:count] = np.clip(field("delay", 1)[:, 0] / windows.h, 1.0 - windows.before, windows.before - 1.0)
         engine.latency[:count] = latency[:, 0]
         for name, values in {
-            "kp": kp, "kd": kd, "strength": strength, "shift": field("shift") - field("offset"),
+            "kp": kp,
+            "kd": kd,
+            "strength": strength,
+            "shift": field("shift") - field("offset"),
             "faded": lag / (lag + windows.h),  # late by the lag at any step
-            "dry": np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0), "stribeck": field("stribeck"),
-            "alive": np.maximum(1.0 + field("coil"), 0.0), "device": 1.0 + field("device"), "drag": field("drag"),
+            "dry": np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0),
+            "stribeck": field("stribeck"),
+            "alive": np.maximum(1.0 + field("coil"), 0.0),
+            "device": 1.0 + field("device"),
+            "drag": field("drag"),
             "lag": np.maximum(coil_lag + field("coil_lag"), 0.0),
-        }.items():  # fmt: skip
+        }.items():
             drives[name][:count] = values
         self._begin(w, start[rows], field, ids)
         with np.errstate(all="ignore"):
@@ -262,9 +271,10 @@ class _Stepper:
         solref = self.engine.of_model("geom_solref")
         solref[: len(ids)] = self.mj.geom_solref
         solref[: len(ids), :, 0] = np.where(
-            self.mj.geom_solref[:, 0] > 0.0, self.mj.geom_solref[:, 0] * np.sqrt(np.maximum(1.0 + give, 0.05)),
+            self.mj.geom_solref[:, 0] > 0.0,
+            self.mj.geom_solref[:, 0] * np.sqrt(np.maximum(1.0 + give, 0.05)),
             self.mj.geom_solref[:, 0],
-        )  # fmt: skip
+        )
         if foot.any():  # a contact's time constant is the mean of its two shapes'
             own = solref[: len(ids), self.model.feet, 0]
             softer = np.maximum(2.0 * np.sqrt(np.maximum(1.0 + foot, 0.05)) - 1.0, 0.05)

@@ -105,9 +105,14 @@ class Windows:
             return np.add.reduceat(x, ends, axis=axis) / counts.reshape(-1, 1)
 
         return replace(
-            self, h=self.h * times, steps=-(-self.steps // times), before=self.before // times,
-            feed=mean(self.feed, 2), coil=mean(self.coil, 1), kp=mean(self.kp, 1),
-        )  # fmt: skip
+            self,
+            h=self.h * times,
+            steps=-(-self.steps // times),
+            before=self.before // times,
+            feed=mean(self.feed, 2),
+            coil=mean(self.coil, 1),
+            kp=mean(self.kp, 1),
+        )
 
     @cached_property
     def distinct(self) -> np.ndarray:

@@ -203,15 +203,19 @@ def mission_lines(figures: dict[str, Any]) -> list[str]:
     theirs = " (paper)" if figures["task"]["of_paper"] else " (paper, whose task is another: see --help)"
     rows = []
     for robot, row in figures["robots"].items():
-        cells = [*(row["power"][name] for name in ("outbound", "standby", "return")), row["depletion"],
-                 *(row["rise"][name] for name in ("calf_walking", "calf_standby", "all"))]  # fmt: skip
+        cells = [
+            *(row["power"][name] for name in ("outbound", "standby", "return")),
+            row["depletion"],
+            *(row["rise"][name] for name in ("calf_walking", "calf_standby", "all")),
+        ]
         compared_with = ("" if cell["paper"] is None else f" ({cell['paper']:.1f})" for cell in cells)
         marks = ("*" if cell["calibrated"] else " " for cell in cells)
-        shown = (f"{figure_text(c['mean'], '.1f')}{paper_s}{mark}"
-                 for c, paper_s, mark in zip(cells, compared_with, marks, strict=True))  # fmt: skip
+        shown = (
+            f"{figure_text(c['mean'], '.1f')}{paper_s}{mark}"
+            for c, paper_s, mark in zip(cells, compared_with, marks, strict=True)
+        )
         rows.append((paper.NAMES[robot], *shown))
-    head = ("robot", "out [W]", "standby [W]", "back [W]", "charge [pp]",
-            "calf walk [K]", "calf stand [K]", "all [K]")  # fmt: skip
+    head = ("robot", "out [W]", "standby [W]", "back [W]", "charge [pp]", "calf walk [K]", "calf stand [K]", "all [K]")
     lines = [
         f"simulated: {figures['simulated']}; ours{theirs if compared else ''}; * used to calibrate",
         *text_table(head, rows),

@@ -85,29 +85,46 @@ def add_mass(cfg: MassCfg, layout: Layout = MR_GO) -> Edit:
         body.joints[2].range = [-PARKED, PARKED]
         body.joints[2].limited = mujoco.mjtLimited.mjLIMITED_TRUE
         body.add_geom(
-            name="mass_geom", type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE] * 3, mass=cfg.mass,
-            contype=0, conaffinity=0,
-        )  # fmt: skip
+            name="mass_geom",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[HALF_SIZE] * 3,
+            mass=cfg.mass,
+            contype=0,
+            conaffinity=0,
+        )
         meets = "mass_geom"
         if cfg.stiffness is not None:
             pad, meets = body.add_body(name=PAD), f"{PAD}_geom"
             pad.add_joint(
-                name=PAD, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0], stiffness=cfg.stiffness,
+                name=PAD,
+                type=mujoco.mjtJoint.mjJNT_SLIDE,
+                axis=[0.0, 0.0, 1.0],
+                stiffness=cfg.stiffness,
                 damping=2.0 * PAD_DAMPING * math.sqrt(cfg.stiffness * cfg.mass),
-            )  # fmt: skip
+            )
             pad.add_geom(
-                name=meets, type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE, HALF_SIZE, 0.01], mass=PAD_MASS,
-                pos=[0.0, 0.0, 0.01 - HALF_SIZE], contype=0, conaffinity=0,
-            )  # fmt: skip
+                name=meets,
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=[HALF_SIZE, HALF_SIZE, 0.01],
+                mass=PAD_MASS,
+                pos=[0.0, 0.0, 0.01 - HALF_SIZE],
+                contype=0,
+                conaffinity=0,
+            )
         # it meets the trunk and nothing else
         target = next((geom.name for geom in spec.geoms if layout == MR_GO and "/trunk_shape" in geom.name), PLATE)
         if target == PLATE:
             trunk = next(body for body in spec.bodies if body.name.endswith(f"_{layout.trunk}"))
             top = max((_top(geom) for geom in trunk.geoms), default=0.0)
             trunk.add_geom(
-                name=PLATE, type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE, HALF_SIZE, 0.005], mass=0.0,
-                pos=[0.0, 0.0, top], contype=0, conaffinity=0,
-            )  # fmt: skip
+                name=PLATE,
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=[HALF_SIZE, HALF_SIZE, 0.005],
+                mass=0.0,
+                pos=[0.0, 0.0, top],
+                contype=0,
+                conaffinity=0,
+            )
         spec.add_pair(name="mass_on_trunk", geomname1=meets, geomname2=target)
 
     return edit

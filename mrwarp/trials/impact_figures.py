@@ -118,9 +118,14 @@ def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path, *, paper_
         x = [entry["value"] for entry in entries]
         for axis, quantity in zip(axes[:, column], titles, strict=True):
             axis.errorbar(
-                x, [e[quantity]["mean"] for e in entries], [e[quantity]["sd"] for e in entries],
-                marker="o", color="#1f6fb4", capsize=3, label="ours: mean, SD over trials",
-            )  # fmt: skip
+                x,
+                [e[quantity]["mean"] for e in entries],
+                [e[quantity]["sd"] for e in entries],
+                marker="o",
+                color="#1f6fb4",
+                capsize=3,
+                label="ours: mean, SD over trials",
+            )
             if paper_device and quantity in paper.THRESHOLDS[name]:
                 ends = paper.THRESHOLDS[name][quantity]
                 axis.plot([x[0], x[-1]], ends, "s--", color="#b4451f", label="paper: ends of the range")

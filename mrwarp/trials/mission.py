@@ -179,10 +179,16 @@ def measure(
         place = PHASES.index(phase)
         warm = {robot: float(values[place]) for robot, values in (fluid or {}).items()}
         trial = WalkCfg(
-            robots=cfg.robots, payloads=(load,), speeds=(cfg.speed,), trials=cfg.seeds, distance=cfg.window,
-            current=cfg.current, env=cfg.env, seed=cfg.seed,
+            robots=cfg.robots,
+            payloads=(load,),
+            speeds=(cfg.speed,),
+            trials=cfg.seeds,
+            distance=cfg.window,
+            current=cfg.current,
+            env=cfg.env,
+            seed=cfg.seed,
             derate=_derating(warm, cfg.seeds, thermal_cfg or ThermalCfg()) if warm else None,
-        )  # fmt: skip
+        )
         for result in walk(trial, policies, lambda text, share, k=k: report(text, 0.45 * (k + share))):
             if not len(result.speed):
                 raise MissionError(
@@ -190,9 +196,15 @@ def measure(
                     f"fell, {result.late} too slow; lighten the load or choose another speed or policy"
                 )
             found[result.robot][phase] = PhaseLoad(
-                joints=result.joints, seconds=cfg.distance / result.speed, speed=result.speed, trial=result.trial,
-                tried=cfg.seeds, fell=result.fell, late=result.late, paper_device=result.paper_device,
-            )  # fmt: skip
+                joints=result.joints,
+                seconds=cfg.distance / result.speed,
+                speed=result.speed,
+                trial=result.trial,
+                tried=cfg.seeds,
+                fell=result.fell,
+                late=result.late,
+                paper_device=result.paper_device,
+            )
     found = {robot: _paired(robot, walked) for robot, walked in found.items()}
     report("standing", 0.9)
     standing: dict[str, JointLoad] = {}
@@ -203,7 +215,7 @@ def measure(
             standing[asset] = standing_load(env, load=cfg.outbound_load, hold=asset != "go1")[0]
         found[robot]["standby"] = PhaseLoad(
             joints=standing[asset][None], seconds=np.array([cfg.standby]), speed=np.zeros(1)
-        )  # fmt: skip
+        )
     return {robot: {phase: uses[phase] for phase in PHASES} for robot, uses in found.items()}
 
 
@@ -273,9 +285,18 @@ def run(
         "fluid": now.fluid.mean(1) if devices else zero,
     }
     return MissionTrace(
-        power=power, seconds=durations, depletion=charge, rise=rises, fluid=np.array(fluid), t=t,
-        power_over_time=drawn, charge=mean_charge, calf=calf, proximal=proximal, paper_device=out.paper_device,
-    )  # fmt: skip
+        power=power,
+        seconds=durations,
+        depletion=charge,
+        rise=rises,
+        fluid=np.array(fluid),
+        t=t,
+        power_over_time=drawn,
+        charge=mean_charge,
+        calf=calf,
+        proximal=proximal,
+        paper_device=out.paper_device,
+    )
 
 
 def calibrate(

@@ -124,9 +124,13 @@ class PowerMeter:
     def joint_load(self) -> JointLoad:
         """Means over the counted time, shapes (E, J) and (E, M)."""
         return JointLoad(
-            torque_square=self._mean("square"), speed=self._mean("speed"), work_out=self._mean("out"),
-            work_in=self._mean("in"), coil=self._mean("coil"), friction=self._mean("friction"),
-        )  # fmt: skip
+            torque_square=self._mean("square"),
+            speed=self._mean("speed"),
+            work_out=self._mean("out"),
+            work_in=self._mean("in"),
+            coil=self._mean("coil"),
+            friction=self._mean("friction"),
+        )
 
     @property
     def braking(self) -> np.ndarray:

@@ -104,9 +104,14 @@ class Window:
 
 
 def run(
-    cfg: MissionCfg, policy: Policy, electrical: ElectricalCfg, heat: ThermalCfg, ambient: float,
-    report: Callable[[str, float], None] = lambda text, share: None, modes: Sequence[str] = tuple(MODES),
-) -> dict[str, Any]:  # fmt: skip
+    cfg: MissionCfg,
+    policy: Policy,
+    electrical: ElectricalCfg,
+    heat: ThermalCfg,
+    ambient: float,
+    report: Callable[[str, float], None] = lambda text, share: None,
+    modes: Sequence[str] = tuple(MODES),
+) -> dict[str, Any]:
     """Walk out, stand and walk back with MR_Go-SAL in every mode.
 
     Args:
@@ -128,17 +133,29 @@ def run(
     found = {}
     for k, mode in enumerate(modes):
         found[mode] = _mission(
-            cfg, policy, mode, need, electrical, heat, ambient,
+            cfg,
+            policy,
+            mode,
+            need,
+            electrical,
+            heat,
+            ambient,
             lambda share, k=k, mode=mode: report(MODES[mode], (k + share) / len(modes)),
-        )  # fmt: skip
+        )
     same = {"slipped": cold.slipped, "short": cold.short, "ambient": ambient}
     return {"modes": found, "fixed_current": fixed, "need_95": need, **same}
 
 
 def _mission(
-    cfg: MissionCfg, policy: Policy, mode: str, need: float, electrical: ElectricalCfg, heat: ThermalCfg,
-    ambient: float, report: Callable[[float], None],
-) -> dict[str, Any]:  # fmt: skip
+    cfg: MissionCfg,
+    policy: Policy,
+    mode: str,
+    need: float,
+    electrical: ElectricalCfg,
+    heat: ThermalCfg,
+    ambient: float,
+    report: Callable[[float], None],
+) -> dict[str, Any]:
     """One mission: figures, and what happened over time."""
     now = Temperatures.ambient((), 12, 4)
     trace: dict[str, list[float]] = {name: [] for name in ("t", "rise", "strength", "coil")}
@@ -233,9 +250,10 @@ def _derating(mode: str, warm: np.ndarray, heat: ThermalCfg, electrical: Electri
     def derate(env: WalkEnv, robots: Sequence[str] = ()) -> None:
         del robots
         factors: Mapping[str, np.ndarray] = {
-            **dict.fromkeys(("T_max", "K0", "K1"), strength), "B": viscosity,
+            **dict.fromkeys(("T_max", "K0", "K1"), strength),
+            "B": viscosity,
             "coil_resistance": 1.0 + electrical.copper_coefficient * warm,
-        }  # fmt: skip
+        }
         for name, factor in factors.items():
             env.view(env.actuator.param(name)).mul_(torch.tensor(factor, dtype=torch.float32, device=env.device))
         if mode == "law":  # it takes the devices for as strong as they were cold
@@ -245,30 +263,51 @@ def _derating(mode: str, warm: np.ndarray, heat: ThermalCfg, electrical: Electri
 
 
 def _window(
-    cfg: MissionCfg, policy: Policy, mode: str, warm: np.ndarray, limit: float, load: float, heat: ThermalCfg,
+    cfg: MissionCfg,
+    policy: Policy,
+    mode: str,
+    warm: np.ndarray,
+    limit: float,
+    load: float,
+    heat: ThermalCfg,
     electrical: ElectricalCfg,
-) -> Window:  # fmt: skip
+) -> Window:
     """Walk a window with devices so warm [K above their identification], shape (M,)."""
     walk = WalkCfg(
-        robots=("mr_go_sal",), payloads=(load,), speeds=(cfg.speed,), trials=cfg.seeds, distance=cfg.window,
-        current=limit, derate=_derating(mode, warm, heat, electrical), env=_env(cfg, mode, 1.0, 1.0, 0), seed=cfg.seed,
-    )  # fmt: skip
+        robots=("mr_go_sal",),
+        payloads=(load,),
+        speeds=(cfg.speed,),
+        trials=cfg.seeds,
+        distance=cfg.window,
+        current=limit,
+        derate=_derating(mode, warm, heat, electrical),
+        env=_env(cfg, mode, 1.0, 1.0, 0),
+        seed=cfg.seed,
+    )
     batch = WalkBatch(walk, ("mr_go_sal",), load, {"mr_go_sal": policy})
     meter = HoldMeter(batch.env)
     (result,) = batch.run()
     if not len(result.speed):
         raise MissionError(f"MR_Go-SAL with {load:g} kg fell or was too slow in every window; choose another policy")
     return Window(
-        joints=result.joints.mean(), speed=float(result.speed.mean()),
+        joints=result.joints.mean(),
+        speed=float(result.speed.mean()),
         slipped=float(meter.slips.sum() / meter.holds.sum().clamp(min=1.0)),
         short=float(meter.short.sum() / meter.held.sum().clamp(min=1.0)),
         need=torch.cat(meter.need).cpu().numpy(),
-    )  # fmt: skip
+    )
 
 
 FIGURES = (
-    "rise", "yield_left", "safety_factor_left", "slipped", "slipped_at_the_end", "short", "coil_energy", "energy",
-)  # fmt: skip
+    "rise",
+    "yield_left",
+    "safety_factor_left",
+    "slipped",
+    "slipped_at_the_end",
+    "short",
+    "coil_energy",
+    "energy",
+)
 """Figures of a mission that :func:`over` sums up."""
 
 
@@ -322,10 +361,24 @@ def lines(found: Mapping[str, Any]) -> list[str]:
                 cell(change["energy"], ".2f", 1.0 / 3600.0, "+"), cell(change["slipped"], ".2f", 100.0, "+"),
                 cell(change["short"], ".2f", 100.0, "+"),
             ))  # fmt: skip
-    head = ("holding current", "rise [K]", "yield left [%]", "factor left", "used up", "holds that slip [%]",
-            "time below need [%]", "coils [W·h]", "battery [W·h]")  # fmt: skip
-    names = ("compensation against none", "coils [W·h]", "battery [W·h]", "holds that slip [points]",
-             "time below need [points]")  # fmt: skip
+    head = (
+        "holding current",
+        "rise [K]",
+        "yield left [%]",
+        "factor left",
+        "used up",
+        "holds that slip [%]",
+        "time below need [%]",
+        "coils [W·h]",
+        "battery [W·h]",
+    )
+    names = (
+        "compensation against none",
+        "coils [W·h]",
+        "battery [W·h]",
+        "holds that slip [points]",
+        "time below need [points]",
+    )
     cold = cell(found["cold"]["slipped"], ".1f", 100.0)
     return [
         f"air {found['ambient']:g} K above the identification; fixed support current "

@@ -248,10 +248,11 @@ def mission_windows(phases: Mapping[str, Mapping[str, PhaseLoad]]) -> dict[str, 
     return {
         robot: {
             name: {"tried": phase.tried, "fell": phase.fell, "late": phase.late, "counted": len(phase.seconds)}
-            for name, phase in found.items() if phase.trial is not None
+            for name, phase in found.items()
+            if phase.trial is not None
         }
         for robot, found in phases.items()
-    }  # fmt: skip
+    }
 
 
 def mission_changes(rows: dict[str, Any]) -> dict[str, Any]:

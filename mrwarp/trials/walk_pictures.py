@@ -47,8 +47,16 @@ def cost(rows: Sequence[dict[str, Any]], path: Path) -> None:
 def _bar(axis: Axes, x: float, width: float, robot: str, cell: Mapping[str, float], calibrated: bool) -> None:
     """A figure of one robot with its spread over the trials; nothing where no trial arrived."""
     error = {"capsize": 3, "ecolor": "0.25"}
-    axis.bar(x, cell["mean"] or 0.0, width, yerr=cell["sd"], color=COLORS[robot], edgecolor="white", error_kw=error,
-             hatch="//" if calibrated else None)  # fmt: skip
+    axis.bar(
+        x,
+        cell["mean"] or 0.0,
+        width,
+        yerr=cell["sd"],
+        color=COLORS[robot],
+        edgecolor="white",
+        error_kw=error,
+        hatch="//" if calibrated else None,
+    )
 
 
 def _bar_legend(robots: Sequence[str], calibrated: bool, theirs: bool) -> list[Patch | Line2D]:
@@ -78,12 +86,21 @@ def holding(results: Sequence[WalkResult], path: Path) -> None:
         current.step(trace.t, value["current"], color="#1f6fb4", where="post")
         for panel in axes[:, column]:
             for name, color in (("m_hold", "#1f6fb4"), ("m_dyn", "#e08a1e")):
-                panel.fill_between(trace.t, 0, 1, where=value[name] > 0.0, color=color, alpha=0.15, linewidth=0,
-                                   transform=panel.get_xaxis_transform())  # fmt: skip
+                panel.fill_between(
+                    trace.t,
+                    0,
+                    1,
+                    where=value[name] > 0.0,
+                    color=color,
+                    alpha=0.15,
+                    linewidth=0,
+                    transform=panel.get_xaxis_transform(),
+                )
         force.set_title(f"{NAMES[result.robot]}, {result.payload:g} kg, {result.command:g} m/s", fontsize=9)
         current.set_xlabel("time [s]")
-    for panel, text in zip(axes[:, 0], ("foot force [N]", "calf velocity [rad/s]", "torque [N·m]", "current [A]"),
-                           strict=True):  # fmt: skip
+    for panel, text in zip(
+        axes[:, 0], ("foot force [N]", "calf velocity [rad/s]", "torque [N·m]", "current [A]"), strict=True
+    ):
         panel.set_ylabel(text)
     lines = {"motor": "#c0392b", "device": "#1f6fb4"}
     areas = {

@@ -119,20 +119,31 @@ def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
         if parent > 0 and parent not in used and length > 1e-6:
             shapes.append(
                 Shape(
-                    name=f"link_to_{names[child]}", body=parent, kind=mjtGeom.mjGEOM_CAPSULE,
-                    size=(LINK_RADIUS, 0.5 * length), pos=0.5 * end, quat=_z_to(end), part=Part.LIMB,
+                    name=f"link_to_{names[child]}",
+                    body=parent,
+                    kind=mjtGeom.mjGEOM_CAPSULE,
+                    size=(LINK_RADIUS, 0.5 * length),
+                    pos=0.5 * end,
+                    quat=_z_to(end),
+                    part=Part.LIMB,
                 )
-            )  # fmt: skip
+            )
     for joint, device in device_of.items():
         # the scene knows a joint by its dof
         dof = int(scene.v_adr[scene.joints.index(joint)])
         body, index = int(model.dof_bodyid[dof]), int(model.dof_jntid[dof])
         shapes.append(
             Shape(
-                name="mr_device", body=body, kind=mjtGeom.mjGEOM_CYLINDER, size=(DEVICE_RADIUS, 0.5 * DEVICE_WIDTH),
-                pos=model.jnt_pos[index].copy(), quat=_z_to(model.jnt_axis[index]), part=Part.GATED, device=device,
+                name="mr_device",
+                body=body,
+                kind=mjtGeom.mjGEOM_CYLINDER,
+                size=(DEVICE_RADIUS, 0.5 * DEVICE_WIDTH),
+                pos=model.jnt_pos[index].copy(),
+                quat=_z_to(model.jnt_axis[index]),
+                part=Part.GATED,
+                device=device,
             )
-        )  # fmt: skip
+        )
     return tuple(shapes)
 
 
@@ -182,11 +193,18 @@ def _meshes(scene: Scene, names: tuple[str, ...], moved: dict[int, str], device_
         part = Part.TRUNK if body.GetName() == scene.layout.trunk else Part.LIMB if k in moved else Part.OTHER
         shapes.append(
             Shape(
-                name=prim.GetName(), body=k, kind=mjtGeom.mjGEOM_MESH, size=(), pos=np.zeros(3),
-                quat=np.array([1.0, 0.0, 0.0, 0.0]), part=Part.GATED if device >= 0 else part, device=device,
-                points=points, faces=faces,
+                name=prim.GetName(),
+                body=k,
+                kind=mjtGeom.mjGEOM_MESH,
+                size=(),
+                pos=np.zeros(3),
+                quat=np.array([1.0, 0.0, 0.0, 0.0]),
+                part=Part.GATED if device >= 0 else part,
+                device=device,
+                points=points,
+                faces=faces,
             )
-        )  # fmt: skip
+        )
     return shapes
 
 

@@ -17,8 +17,12 @@ def judge_all(found: Results) -> list[Judged]:
 CELLS = tuple(paper.condition_name(*cell) for cell in paper.TABLE_7)
 """Conditions of tables 6 and 7."""
 
-TRAINED = {"A": "A: conventional, SAL off", "B": "B: conventional, SAL on",
-           "C": "C: pg_rlstm, SAL off", "D": "D: pg_rlstm, SAL on"}  # fmt: skip
+TRAINED = {
+    "A": "A: conventional, SAL off",
+    "B": "B: conventional, SAL on",
+    "C": "C: pg_rlstm, SAL off",
+    "D": "D: pg_rlstm, SAL on",
+}
 """Configurations of tables 2 and 5, as their rows call them."""
 
 MODELS = ("MLP", "Bouc-Wen", "LSTM", "PG-RLSTM")

@@ -80,11 +80,16 @@ def compute(job: Job) -> Findings:
             rows.append(compare(f"{PLANT_TITLES[name]}, {amps:g} A", ("RMSE", "N·m", 3), theirs, ours, reason))
     rows += [
         Comparison(
-            condition=f"conventional Bouc-Wen (eq. 13), {amps} A", quantity="RMSE", unit="N·m", paper=None,
-            ours=cell["mean"], sd=cell["sd"], n=cell["trajectories"],
+            condition=f"conventional Bouc-Wen (eq. 13), {amps} A",
+            quantity="RMSE",
+            unit="N·m",
+            paper=None,
+            ours=cell["mean"],
+            sd=cell["sd"],
+            n=cell["trajectories"],
         )
         for amps, cell in found_blind["by_current"].items()
-    ]  # fmt: skip
+    ]
     verdicts = judge(found)
     averages = " and ".join(
         f"{row['average']:.3f} instead of {found[name]['average']:.3f} N·m ({PLANT_TITLES[name]})"
@@ -168,8 +173,16 @@ def figure3(torque: Mapping[str, Sequence[np.ndarray]], data: Recording, path: P
         axis.plot(run.t[part], run.torque[part], color="black", linewidth=1.5, label="measured (virtual bench)")
         for name in COLOURS:
             axis.plot(run.t[part], torque[name][k][part], color=COLOURS[name], linewidth=1.0, label=PLANT_TITLES[name])
-        axis.fill_between(run.t[part], 0, 1, where=on[part], color="#e08a1e", alpha=0.15, linewidth=0,
-                          transform=axis.get_xaxis_transform())  # fmt: skip
+        axis.fill_between(
+            run.t[part],
+            0,
+            1,
+            where=on[part],
+            color="#e08a1e",
+            alpha=0.15,
+            linewidth=0,
+            transform=axis.get_xaxis_transform(),
+        )
         axis.set(xlabel="time [s]", ylabel="torque [N·m]")
         figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
         figure.savefig(path, dpi=110)

@@ -341,15 +341,30 @@ def _quality(*names: tuple[str, str]) -> Callable[[Results], str]:
                 faults = [f"seed {row['seed']}: {', '.join(row['broken'])}" for row in rows if row["broken"]]
                 kept = sum(not row["broken"] for row in rows)
                 lines.append([f"{plant}, {title}", *worst, f"{kept} of {len(rows)}", "; ".join(faults)])
-        head = ["plant", "roll-pitch RMS [deg]", "mean roll [deg]", "mean pitch [deg]", "left against right [%]",
-                "slip [m/s]", "v_x RMSE [m/s]", "keep all rules", "broken"]  # fmt: skip
+        head = [
+            "plant",
+            "roll-pitch RMS [deg]",
+            "mean roll [deg]",
+            "mean pitch [deg]",
+            "left against right [%]",
+            "slip [m/s]",
+            "v_x RMSE [m/s]",
+            "keep all rules",
+            "broken",
+        ]
         return _table(head, lines)
 
     return block
 
 
-CAUSES = ("Go1", "MR_Go's masses, no devices", "and the devices' drag at 0 A", "and damping at 1.5 A",
-          "and holding alone at 1.5 A", "and both")  # fmt: skip
+CAUSES = (
+    "Go1",
+    "MR_Go's masses, no devices",
+    "and the devices' drag at 0 A",
+    "and damping at 1.5 A",
+    "and holding alone at 1.5 A",
+    "and both",
+)
 """Steps of ``paper_tables.STEPS``, as the table calls them."""
 
 

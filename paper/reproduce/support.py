@@ -104,7 +104,10 @@ def compute(job: Job) -> Findings:
     return Findings(
         rows=[
             compare(
-                "MR_Go-SAL, 0 kg", ("fastest reliable speed", "m/s", 2), paper.FASTEST, over_seeds(fastest),
+                "MR_Go-SAL, 0 kg",
+                ("fastest reliable speed", "m/s", 2),
+                paper.FASTEST,
+                over_seeds(fastest),
                 f"The fastest of the commands {', '.join(f'{v:g}' for v in FASTER)} m/s that every policy reached to "
                 f"{100.0 * REACHED:.0f} %; trainings command up to 0.6 m/s, so it bounds policy and gait together.",
             )
@@ -113,7 +116,8 @@ def compute(job: Job) -> Findings:
             ("eps_hold_extends", "a larger eps_hold extends the holding", order[0] < order[1] < order[2]),
             ("eps_hold_saves", "a smaller eps_hold costs a part of the reduction of COT", less),
             (
-                "lower_kp_low_saves", "a lower Kp_low saves more",
+                "lower_kp_low_saves",
+                "a lower Kp_low saves more",
                 np.mean(saved["Kp_low 0 N·m/rad"]) > np.mean(saved["Kp_low 20 N·m/rad"]),
             ),
         ),
@@ -141,7 +145,7 @@ def compute(job: Job) -> Findings:
             )
         ],
         figures={"saved": saved, "held": held},
-    )  # fmt: skip
+    )
 
 
 def _fastest(results: Sequence[WalkResult], robot: str, trials: int) -> np.ndarray:

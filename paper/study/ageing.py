@@ -94,11 +94,15 @@ def run(cfg: AgeingCfg, out: Path, report: Callable[[str, float], None] = lambda
         seen = share(sum(r is not None for r in records), len(records))
         losses[name] = {"records": records, "told": interval(changes), "noticed": seen}
     return {
-        "healthy": {"devices": cfg.devices, "days": cfg.days, "alarms": [own["alarms"] for own in devices],
-                    "share": share(false, cfg.devices)},
+        "healthy": {
+            "devices": cfg.devices,
+            "days": cfg.days,
+            "alarms": [own["alarms"] for own in devices],
+            "share": share(false, cfg.devices),
+        },
         "losses": losses,
         "series": devices[0]["series"],
-    }  # fmt: skip
+    }
 
 
 def follow(cfg: AgeingCfg, device: int, report: Callable[[str, float], None]) -> dict[str, Any]:

@@ -117,9 +117,12 @@ class CurrentsCfg:
 def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> TaskCfg:
     """The task of an arm; ``fixed`` is the current of the arm ``fixed`` [A]."""
     env = plant_cfg(
-        ROBOT.get(arm, "mr_go_sal"), num_envs=cfg.num_envs, threads=cfg.threads, randomize="all",
+        ROBOT.get(arm, "mr_go_sal"),
+        num_envs=cfg.num_envs,
+        threads=cfg.threads,
+        randomize="all",
         power_price=cfg.power_price,
-    )  # fmt: skip
+    )
     gates = ("fixed", "latched")
     command = CurrentCommand(arm) if arm in ("latched", "scheduled", "learned") else CurrentCommand.FIXED
     hold = HoldCurrent.FIXED if arm in gates else HoldCurrent.SUPPORT
@@ -135,9 +138,12 @@ def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> TaskCfg:
 
 
 def run(
-    cfg: CurrentsCfg, out: Path, electrical: ElectricalCfg, heat: ThermalCfg,
+    cfg: CurrentsCfg,
+    out: Path,
+    electrical: ElectricalCfg,
+    heat: ThermalCfg,
     report: Callable[[str, float], None] = lambda text, share: None,
-) -> dict[str, Any] | None:  # fmt: skip
+) -> dict[str, Any] | None:
     """Sweep the fixed current, train and measure what is missing in ``out``; None after Ctrl-C in a training.
 
     Args:
@@ -166,8 +172,10 @@ def run(
         measure = partial(_measure, part, arm, best, policy, electrical, heat)
         by_arm = rows.setdefault(price, {arm: {} for arm in part.arms})
         by_arm[arm][seed] = kept(folder / "measured.json", _asked(part), measure)
-    first, *others = ({"arms": figures(found), "measured": found, "power_price": price,
-                       "seeds": list(parts[price][0].seeds)} for price, found in rows.items())  # fmt: skip
+    first, *others = (
+        {"arms": figures(found), "measured": found, "power_price": price, "seeds": list(parts[price][0].seeds)}
+        for price, found in rows.items()
+    )
     return {**first, "more_prices": others, "fixed_currents": sweep, "best_fixed": best}
 
 
@@ -212,9 +220,13 @@ def _walks(cfg: CurrentsCfg, arm: str, best: float, policy: OnnxPolicy, speeds: 
     """Both loads at some speeds."""
     robot, env = ROBOT.get(arm, "mr_go_sal"), arm_env(cfg, arm, best)
     walks = WalkCfg(
-        robots=(robot,), speeds=tuple(speeds), trials=cfg.trials, distance=cfg.distance, env=env,
+        robots=(robot,),
+        speeds=tuple(speeds),
+        trials=cfg.trials,
+        distance=cfg.distance,
+        env=env,
         current=env.currents[0] or CURRENT_GROUPS[-1],
-    )  # fmt: skip
+    )
     return walk(walks, {robot: policy})
 
 
@@ -413,8 +425,10 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
     arms = list(found["arms"])
     bottom = np.zeros(len(arms))
     for name, label, colour in (
-        ("coil", "coils", "#1f6fb4"), ("calves", "copper of the calves", "#c98b3c"), ("rest", "all else", "0.85")
-    ):  # fmt: skip
+        ("coil", "coils", "#1f6fb4"),
+        ("calves", "copper of the calves", "#c98b3c"),
+        ("rest", "all else", "0.85"),
+    ):
         values = np.array([found["arms"][arm][name]["mean"] for arm in arms])
         right.bar(arms, values, bottom=bottom, label=label, color=colour)
         bottom += values

@@ -91,9 +91,17 @@ def task(cfg: LimitsCfg, *, payload: int = 0, terrain: str = "flat", hold: HoldC
 
 @torch.no_grad()
 def walk(
-    env: WalkEnv, policies: Sequence[Policy], speed: np.ndarray, mass: np.ndarray, seconds: float,
-    electrical: ElectricalCfg, *, trials: int, warmup: float = 2.0, watch: Callable[[], None] | None = None,
-) -> dict[str, np.ndarray]:  # fmt: skip
+    env: WalkEnv,
+    policies: Sequence[Policy],
+    speed: np.ndarray,
+    mass: np.ndarray,
+    seconds: float,
+    electrical: ElectricalCfg,
+    *,
+    trials: int,
+    warmup: float = 2.0,
+    watch: Callable[[], None] | None = None,
+) -> dict[str, np.ndarray]:
     """Walk for a time; policies drive equal parts of the environments, groups of ``trials`` begin identically.
 
     Args:
@@ -317,9 +325,11 @@ def stance(cfg: LimitsCfg, ground: str) -> dict[str, Any]:
 
 
 def run(
-    cfg: LimitsCfg, out: Path, electrical: ElectricalCfg,
+    cfg: LimitsCfg,
+    out: Path,
+    electrical: ElectricalCfg,
     report: Callable[[str, float], None] = lambda text, share: None,
-) -> dict[str, Any] | None:  # fmt: skip
+) -> dict[str, Any] | None:
     """Train and measure what is not in ``out`` yet, and sum up; None after Ctrl-C in a training.
 
     Raises:
@@ -444,13 +454,15 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     ages = [(name, change(own), *(cell(own[n], d, k) for n, d, k in SHOWN)) for name, own in found["age"].items()]
     stances = [
         (
-            f"{ground}, {r['low']:g} to {r['high'] if r['high'] is not None else np.inf:g}", str(r["stances"]),
+            f"{ground}, {r['low']:g} to {r['high'] if r['high'] is not None else np.inf:g}",
+            str(r["stances"]),
             f"{100 * r['slipped']['share']:.0f} ({100 * r['slipped']['low']:.0f} to {100 * r['slipped']['high']:.0f})",
-            f"{1e3 * r['drift']:.1f}", f"{1e3 * r['most']:.1f}",
+            f"{1e3 * r['drift']:.1f}",
+            f"{1e3 * r['most']:.1f}",
         )
         for ground, rows in found["stance"].items()
         for r in rows
-    ]  # fmt: skip
+    ]
     return [
         *text_table(("gait, at 0.5 m/s", "fastest held [m/s]", "against 1.5 Hz", "and [W]", *names), gaits), "",
         *text_table(("load, at 0.3 m/s", *names), loads), "",
@@ -501,7 +513,10 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
     stand.axvline(MrParams().hold.safety_factor, color="0.6", linewidth=0.8, linestyle="--")
     stand.set_xticks(ticks := (0.2, 0.5, 1.0, 2.0, 5.0), [f"{x:g}" for x in ticks], minor=False)
     stand.set_xticks([], minor=True)
-    stand.set(xlabel="yield margin of the weakest knee", ylabel=f"drift over {STAND_SECONDS:g} s [mrad]",
-              title="stance on four brakes")  # fmt: skip
+    stand.set(
+        xlabel="yield margin of the weakest knee",
+        ylabel=f"drift over {STAND_SECONDS:g} s [mrad]",
+        title="stance on four brakes",
+    )
     stand.legend(loc="upper right", fontsize=8)
     figure.savefig(path, dpi=110)

@@ -235,9 +235,14 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
 
 
 def settled(
-    env: TaskCfg, seed: int, updates: int, learning: PpoCfg, begin: Callable[[], Path | None], folder: Path,
+    env: TaskCfg,
+    seed: int,
+    updates: int,
+    learning: PpoCfg,
+    begin: Callable[[], Path | None],
+    folder: Path,
     command: str,
-) -> Path | None:  # fmt: skip
+) -> Path | None:
     """Policy of a single training that is done in a folder, goes on there, or begins with another policy.
 
     Args:

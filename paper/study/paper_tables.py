@@ -323,10 +323,15 @@ def row_lines(rows: Mapping[str, PolicyRow]) -> list[str]:
         return f"{found['mean']:.{digits}f} ± {found['sd']:.{digits}f}"
 
     shown = [
-        (name, row.plant, f"{row.current:g}", *(cell(row, metric) for metric in METRICS),
-         f"fell {row.fell}" if row.fell else "")
+        (
+            name,
+            row.plant,
+            f"{row.current:g}",
+            *(cell(row, metric) for metric in METRICS),
+            f"fell {row.fell}" if row.fell else "",
+        )
         for name, row in rows.items()
-    ]  # fmt: skip
+    ]
     return text_table(("", "training", "A", *(f"{m} [{unit}]" for m, unit in METRICS.items()), ""), shown, left=2)
 
 

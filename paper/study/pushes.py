@@ -115,10 +115,11 @@ def run(cfg: PushesCfg, out: Path, report: Callable[[str, float], None] = lambda
             cells[ground].append({"force": force, "seed": seed} | kept(path, asked, partial(pusher.push, force)))
     names = list(arms(cfg))
     rows = {
-        ground: {f"{force:g}": summary(names, [cell for cell in own if cell["force"] == force])
-                 for force in cfg.strengths}
+        ground: {
+            f"{force:g}": summary(names, [cell for cell in own if cell["force"] == force]) for force in cfg.strengths
+        }
         for ground, own in cells.items()
-    }  # fmt: skip
+    }
     return {"arms": names, "strengths": list(cfg.strengths), "directions": DIRECTIONS, "rows": rows}
 
 
@@ -173,9 +174,13 @@ class Pusher:
             )
             impact = ImpactCfg(
                 variants=tuple(arm for arm in arms(cfg).values() for _ in range(1 + DIRECTIONS)),
-                trials=cfg.trials, speed=0.0 if self.ground == "standing" else 0.5, warmup=2.0, window=cfg.seconds,
-                env=env, seed=self.seed,
-            )  # fmt: skip
+                trials=cfg.trials,
+                speed=0.0 if self.ground == "standing" else 0.5,
+                warmup=2.0,
+                window=cfg.seconds,
+                env=env,
+                seed=self.seed,
+            )
             self._sweep = ImpactSweep(impact, self.policy)
         return self._sweep
 
@@ -240,8 +245,19 @@ def summary(names: Sequence[str], cells: Sequence[Mapping[str, Any]]) -> dict[st
 
 def lines(found: Mapping[str, Any]) -> list[str]:
     """The table."""
-    head = ("pushed", "arm", "fell [%]", "ahead", "aside", "change [points]", "moved on [m]",
-            "damps lee, luff [%]", "holds lee, luff [%]", "damping work [J]", "holding work [J]")  # fmt: skip
+    head = (
+        "pushed",
+        "arm",
+        "fell [%]",
+        "ahead",
+        "aside",
+        "change [points]",
+        "moved on [m]",
+        "damps lee, luff [%]",
+        "holds lee, luff [%]",
+        "damping work [J]",
+        "holding work [J]",
+    )
     rows = []
     for ground, by_force in found["rows"].items():
         for force, own in by_force.items():

@@ -143,9 +143,11 @@ def measure(cfg: LimitsCfg, electrical: ElectricalCfg) -> dict[str, Any]:
 
 
 def run(
-    cfg: LimitsCfg, out: Path, electrical: ElectricalCfg,
+    cfg: LimitsCfg,
+    out: Path,
+    electrical: ElectricalCfg,
     report: Callable[[str, float], None] = lambda text, share: None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Walk unless ``out`` holds the figures, and sum up: by width and release, and the paired change of the power.
 
     Raises:
@@ -174,15 +176,32 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     def cell(own: Mapping[str, Any], digits: int, factor: float = 1.0, sign: str = "") -> str:
         return f"{factor * own['mean']:{sign}.{digits}f} ± {factor * own['half_width']:.{digits}f}"
 
-    head = ("half width [A]", "release", "torque in swing [N·m]", "power [W]", "against no field", "against foot force",
-            "v_x RMSE [m/s]", "held [%]", "fell [%]")  # fmt: skip
+    head = (
+        "half width [A]",
+        "release",
+        "torque in swing [N·m]",
+        "power [W]",
+        "against no field",
+        "against foot force",
+        "v_x RMSE [m/s]",
+        "held [%]",
+        "fell [%]",
+    )
     rows = [
-        (width, name, cell(own["drag"], 3), cell(own["power"], 1), cell(own["against_no_field"], 2, sign="+"),
-         cell(own["against_foot_force"], 2, sign="+"), cell(own["v_x_rmse"], 3), cell(own["hold"], 0, 100.0),
-         cell(own["fell"], 0, 100.0))
+        (
+            width,
+            name,
+            cell(own["drag"], 3),
+            cell(own["power"], 1),
+            cell(own["against_no_field"], 2, sign="+"),
+            cell(own["against_foot_force"], 2, sign="+"),
+            cell(own["v_x_rmse"], 3),
+            cell(own["hold"], 0, 100.0),
+            cell(own["fell"], 0, 100.0),
+        )
         for width, by in found["rows"].items()
         for name, own in by.items()
-    ]  # fmt: skip
+    ]
     return text_table(head, rows, left=2)
 
 
@@ -194,8 +213,9 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
             own = [by[name][key] for by in found["rows"].values()]
             line = "--" if name.endswith("pulse") else "-"
             means, spread = ([x[part] for x in own] for part in ("mean", "half_width"))
-            axis.errorbar(WIDTHS, means, spread if axis is left else None, marker="o", capsize=2, linestyle=line,
-                          label=name)  # fmt: skip
+            axis.errorbar(
+                WIDTHS, means, spread if axis is left else None, marker="o", capsize=2, linestyle=line, label=name
+            )
     left.set(xlabel="half width of the core's play [A]", ylabel="device's torque in swing [N·m]")
     right.set(xlabel="half width of the core's play [A]", ylabel=f"battery power at {SPEED:g} m/s [W]")
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=len(RELEASES), fontsize=8)

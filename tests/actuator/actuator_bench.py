@@ -82,9 +82,13 @@ class Bench:
 
         self.joints = list(joints or make_joints())
         self.inputs = ActuatorInputs(
-            q_des=zeros(num_envs, 6), q=zeros(num_envs, 6), qd=zeros(num_envs, 6), f_foot=zeros(num_envs, 2),
-            current_e=zeros(num_envs), friction=zeros(num_envs, 6),
-        )  # fmt: skip
+            q_des=zeros(num_envs, 6),
+            q=zeros(num_envs, 6),
+            qd=zeros(num_envs, 6),
+            f_foot=zeros(num_envs, 2),
+            current_e=zeros(num_envs),
+            friction=zeros(num_envs, 6),
+        )
         self.actuator = MrActuator(
             self.joints, LEGS, self.inputs, dt=DT, cfg=cfg, residual=residual, share_params=share_params
         )

@@ -71,9 +71,13 @@ class Rig:
         mr = params or MrParams()
         joints = [Joint("a", mr, effects), Joint("b", mr.replace(K1=6.0), () if mixed else effects)]
         self.inputs = ActuatorInputs(
-            q_des=zeros(num_envs, JOINTS), q=zeros(num_envs, JOINTS), qd=zeros(num_envs, JOINTS),
-            f_foot=zeros(num_envs, 1), current_e=zeros(num_envs), friction=zeros(num_envs, JOINTS),
-        )  # fmt: skip
+            q_des=zeros(num_envs, JOINTS),
+            q=zeros(num_envs, JOINTS),
+            qd=zeros(num_envs, JOINTS),
+            f_foot=zeros(num_envs, 1),
+            current_e=zeros(num_envs),
+            friction=zeros(num_envs, JOINTS),
+        )
         self.actuator = MrActuator(joints, [0, 0], self.inputs, dt=DT, cfg=cfg, share_params=share_params)
 
     def step(self, **values: np.ndarray) -> None:
@@ -166,9 +170,12 @@ def simulated(effects: tuple[Effect, ...]) -> tuple[np.ndarray, np.ndarray, np.n
         heat = state.heat.numpy()[0, 0]
         # the target lies behind the joint, so that the dynamic gate opens
         rig.step(
-            q=np.array(q), qd=np.array(qd), q_des=np.array(q - np.sign(qd)), f_foot=np.array(10.0),
+            q=np.array(q),
+            qd=np.array(qd),
+            q_des=np.array(q - np.sign(qd)),
+            f_foot=np.array(10.0),
             current_e=np.array(current),
-        )  # fmt: skip
+        )
         samples.append((rig.actuator.tau_dyn.numpy()[0, 0], rig.actuator.coil.numpy()[0, 0], heat))
     tau, command, heat = np.array(samples).T
     return tau, command, heat

@@ -190,9 +190,13 @@ class RandomDevices:
             return wp.zeros(shape, dtype=float, device="cpu")
 
         inputs = ActuatorInputs(
-            q_des=zeros(DEVICES, 1), q=zeros(DEVICES, 1), qd=zeros(DEVICES, 1), f_foot=zeros(DEVICES, 1),
-            current_e=wp.array(self.current, dtype=float, device="cpu"), friction=zeros(DEVICES, 1),
-        )  # fmt: skip
+            q_des=zeros(DEVICES, 1),
+            q=zeros(DEVICES, 1),
+            qd=zeros(DEVICES, 1),
+            f_foot=zeros(DEVICES, 1),
+            current_e=wp.array(self.current, dtype=float, device="cpu"),
+            friction=zeros(DEVICES, 1),
+        )
         first = {name: float(values[0]) for name, values in self.numbers.items()}
         effects = (make_effect(self.law, first),) if first else ()
         mr = MrParams().replace(D=0.0, C=0.0, I1=0.0, q_neutral=0.0, q_offset=0.0, q_center=0.0, current_max=100.0)

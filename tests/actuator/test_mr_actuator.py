@@ -262,8 +262,11 @@ def brake(z_step: ZStep) -> np.ndarray:
     """Torque of a stiff brake that slides at 4.1 N·m along a sine of 0.5 rad and 1 Hz [N·m], shape (T,)."""
     stiff = {"D": 0.0, "C": 0.0, "I1": 0.0, "B": 0.05, "alpha": 0.0, "beta": 200.0, "gamma": -50.0}
     mr = MrParams().replace(**stiff, K0=0.0, K1=4.1 * 150.0)
-    bench = Bench(1, MrActuatorCfg(coupling=Coupling.EXPLICIT, z_step=z_step, gated=False),
-                  joints=[replace(j, mr=mr) if j.mr else j for j in make_joints()])  # fmt: skip
+    bench = Bench(
+        1,
+        MrActuatorCfg(coupling=Coupling.EXPLICIT, z_step=z_step, gated=False),
+        joints=[replace(j, mr=mr) if j.mr else j for j in make_joints()],
+    )
     found = []
     for k in range(400):
         phase = 2.0 * np.pi * DT * k

@@ -435,9 +435,11 @@ def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:
     for _ in range(num):
         builder.begin_world()
         joint = builder.add_joint_revolute(
-            parent=-1, child=builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3) * INERTIA)), axis=(0.0, 0.0, 1.0),
+            parent=-1,
+            child=builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3) * INERTIA)),
+            axis=(0.0, 0.0, 1.0),
             armature=0.03,
-        )  # fmt: skip
+        )
         builder.add_articulation([joint])
         DriveMR.from_model(path, builder, index=builder.joint_qd_start[joint], **arguments)
         builder.end_world()

@@ -74,9 +74,13 @@ class Loop:
             return wp.zeros(shape, dtype=float, device=device)
 
         self.inputs = ActuatorInputs(
-            q_des=zeros(num_envs, MR), q=zeros(num_envs, MR), qd=zeros(num_envs, MR), f_foot=zeros(num_envs, MR),
-            current_e=zeros(num_envs), friction=zeros(num_envs, MR),
-        )  # fmt: skip
+            q_des=zeros(num_envs, MR),
+            q=zeros(num_envs, MR),
+            qd=zeros(num_envs, MR),
+            f_foot=zeros(num_envs, MR),
+            current_e=zeros(num_envs),
+            friction=zeros(num_envs, MR),
+        )
         cfg = MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED)
         self.actuator = MrActuator(
             [Joint()] * MR, list(range(MR)), self.inputs, dt=DT, cfg=cfg, residual=residual, share_params=False
@@ -510,9 +514,12 @@ def test_newton_drive_with_a_learned_torque_is_the_actuator_with_it(kind: str) -
         for name, values in motion.items():
             getattr(inputs, name).assign(np.ascontiguousarray(values[k], dtype=np.float32))
         for array, name in (
-            (state.joint_q, "q"), (state.joint_qd, "qd"), (control.joint_target_q, "q_des"),
-            (given.mr_foot_load, "f_foot"), (given.mr_current, "current_e"),
-        ):  # fmt: skip
+            (state.joint_q, "q"),
+            (state.joint_qd, "qd"),
+            (control.joint_target_q, "q_des"),
+            (given.mr_foot_load, "f_foot"),
+            (given.mr_current, "current_e"),
+        ):
             array.assign(np.ascontiguousarray(motion[name][k], dtype=np.float32).reshape(-1))
         if k == 40:
             other.reset(mask)

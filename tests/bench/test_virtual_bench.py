@@ -185,8 +185,9 @@ def test_recorded_gait_that_is_too_short_is_refused():
 
 def test_a_device_that_takes_less_is_recorded_with_what_flows() -> None:
     """Of 0.9 A the same shares as of 1.5 A: no command above it, and no two currents that are one."""
-    cfg = BenchCfg(params=bench_device().replace(current_max=0.9), trajectories=12, samples=12 * 400,
-                   evaluation_samples=400)  # fmt: skip
+    cfg = BenchCfg(
+        params=bench_device().replace(current_max=0.9), trajectories=12, samples=12 * 400, evaluation_samples=400
+    )
     data = run_bench(cfg)
     assert data.evaluation is not None
     constant = {float(run.current.max()) for run in data.fit.trajectories if run.id.endswith("_sine")}

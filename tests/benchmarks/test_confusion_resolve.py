@@ -88,9 +88,18 @@ def unsure_at_first(recording: Recording, *, seed: int) -> Any:
     )
     proposal = SimpleNamespace(kind="current steps", seconds=16.0, settings=MOTION, what="step the current")
     return SimpleNamespace(
-        verdict="named", causes=[cause], parameter_shift=[], unexplained=None, gain=None, seconds=0.0,
-        law=None, suspects=[], recording_faults=(), account=None, next_experiment=None if enough else proposal,
-    )  # fmt: skip
+        verdict="named",
+        causes=[cause],
+        parameter_shift=[],
+        unexplained=None,
+        gain=None,
+        seconds=0.0,
+        law=None,
+        suspects=[],
+        recording_faults=(),
+        account=None,
+        next_experiment=None if enough else proposal,
+    )
 
 
 def test_resolved_cases_are_counted() -> None:
@@ -114,6 +123,7 @@ def test_without_a_proposal_nothing_is_made() -> None:
         result.next_experiment = None
         return result
 
-    case = run_case(Plan(family="single", size="small", kinds=("coil_lag",)), 0, resolve=True,
-                    diagnose=silent_on_what_next)  # fmt: skip
+    case = run_case(
+        Plan(family="single", size="small", kinds=("coil_lag",)), 0, resolve=True, diagnose=silent_on_what_next
+    )
     assert case["resolved"] == {"result": "not proposed"}

@@ -30,9 +30,7 @@ def test_simulation_is_the_same_at_1_2_and_3_threads() -> None:
 
 def test_training_is_the_same_at_any_thread_counts(tmp_path: Path) -> None:
     """64 robots, 2 updates: networks, optimiser, normalisers, draws, environment and log, bit by bit."""
-    runs = [
-        train(tmp_path / f"{a}-{b}", threads=a, torch_threads=b, updates=2) for a, b in ((1, 1), (2, 1), (3, 2))
-    ]  # fmt: skip
+    runs = [train(tmp_path / f"{a}-{b}", threads=a, torch_threads=b, updates=2) for a, b in ((1, 1), (2, 1), (3, 2))]
     assert differing(runs) == []
     other = train(tmp_path / "other", threads=1, torch_threads=1, updates=2, seed=6)
     assert set(differing([runs[0], other])) == set(runs[0])
@@ -82,7 +80,7 @@ def test_deterministic_changes_no_bit_on_the_cpu() -> None:
     """MuJoCo-Warp's CPU kernels run in order: the option is accepted, set, and gives the bits of a run without it."""
     runs = [
         simulate(threads=1, num_envs=8, steps=20, backend="mjwarp", deterministic=wanted) for wanted in (False, True)
-    ]  # fmt: skip
+    ]
     assert differing(runs) == []
 
 

@@ -26,5 +26,6 @@ def test_each_fault_is_named() -> None:
     assert slower.faults(hours=8.0) == ["a step takes 32.7 % longer than at the start"]
     wrong = LongRun(num_envs=4, robot_hours=7.0, broken=1, not_finite=2)
     assert wrong.faults(hours=8.0) == [
-        "7.00 robot hours are fewer than 8", "1 broken steps, 2 values that are no numbers",
-    ]  # fmt: skip
+        "7.00 robot hours are fewer than 8",
+        "1 broken steps, 2 values that are no numbers",
+    ]

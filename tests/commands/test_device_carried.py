@@ -186,8 +186,14 @@ def test_unmeasured_holding_saturates_as_sliding_does() -> None:
 def test_a_device_takes_what_its_bench_gave_it() -> None:
     """3 A where it was measured with 3 A: 1.5 A are the paper's device. A smaller limit that somebody set stands."""
     large = replace(small(), fitted_on=replace(small().fitted_on, current=(0.0, 3.0)))
-    for own, extrapolate, most in ((1.5, False, 3.0), (1.5, True, 3.0), (0.8, False, 0.8), (5.0, False, 3.0),
-                                   (5.0, True, 5.0), (0.0, False, 0.0)):  # fmt: skip
+    for own, extrapolate, most in (
+        (1.5, False, 3.0),
+        (1.5, True, 3.0),
+        (0.8, False, 0.8),
+        (5.0, False, 3.0),
+        (5.0, True, 5.0),
+        (0.0, False, 0.0),
+    ):
         params = large.to_params(MrParams().replace(current_max=own), extrapolate=extrapolate)
         assert params.coil.current_max == most, (own, extrapolate)
 

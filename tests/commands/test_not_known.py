@@ -26,8 +26,18 @@ STATED = {
 
 def brake(**changes: float) -> Model:
     """A brake of 4 N·m at 0.8 A."""
-    values = {"D": 0.0, "B": 0.02, "C": 0.0, "I1": 0.0, "K0": 15.0, "K1": 500.0, "alpha": 0.0, "beta": 70.0,
-              "gamma": 30.0, **changes}  # fmt: skip
+    values = {
+        "D": 0.0,
+        "B": 0.02,
+        "C": 0.0,
+        "I1": 0.0,
+        "K0": 15.0,
+        "K1": 500.0,
+        "alpha": 0.0,
+        "beta": 70.0,
+        "gamma": 30.0,
+        **changes,
+    }
     parameters = {name: Parameter(value=v, unit=parameter_unit(name, JOINT_UNITS)) for name, v in values.items()}
     origin = FittedOn(source="brake", trajectories=1, samples=1, rate=500.0, current=(0.0, 0.8))
     return Model(parameters=parameters, fitted_on=origin)

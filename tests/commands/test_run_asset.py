@@ -112,7 +112,7 @@ def test_set_negative_number(robot, capsys):
         (["FL_calf", "K1", "3", "--out", "nowhere/x.usda"], ["nowhere/x.usda: cannot be written", ".usda, .usdc"]),
         (["FL_calf", "K1", "3", "--out", "x.txt"], ["x.txt: cannot be written", "name ending in .usda"]),
     ],
-)  # fmt: skip
+)
 def test_set_refuses(robot, capsys, words, expected):
     """A bad prim, name, number or target is one line on stderr, exit code 2, and nothing is written."""
     assert main(["asset", "set", str(robot), *words]) == 2
@@ -148,7 +148,7 @@ def test_check_every_variant(robot, capsys):
         ("(0.0089, 0.0125, 0.0164)", "(nan, nan, nan)", ["(nan, nan, nan) is no body's"]),
         ("body1 = </mr_go/RR_calf>", "body1 = </mr_go/none>", ["robot=mr_go payload=0: Newton cannot convert it: "]),
     ],
-)  # fmt: skip
+)
 def test_check_refuses(robot, capsys, old, new, expected):
     """A fault in any variant is one line with the place; exit code 2."""
     replaced(robot, old, new)

@@ -127,9 +127,7 @@ def test_an_option_is_declared_once() -> None:
     """The command has no option that a configuration within it has, and each of those stands in one dataclass."""
     names = [name for _, _, name in option_fields(Train)]
     assert len(names) == len(set(names)) and {"num_envs", "desired_kl", "iterations", "current"} <= set(names)
-    declared = Counter(
-        name for kind in TaskCfg.__mro__ for name in vars(kind).get("__annotations__", ())
-    )  # fmt: skip
+    declared = Counter(name for kind in TaskCfg.__mro__ for name in vars(kind).get("__annotations__", ()))
     assert {name: count for name, count in declared.items() if count > 1} == {}
 
 
@@ -148,9 +146,13 @@ def start(*args: str) -> subprocess.Popen[str]:
     """The command as a user starts it, in a process of its own."""
     pipe = subprocess.PIPE
     return subprocess.Popen(
-        [sys.executable, str(SCRIPT), *args], cwd=ROOT, stdout=pipe, stderr=pipe, text=True,
+        [sys.executable, str(SCRIPT), *args],
+        cwd=ROOT,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
+    )
 
 
 def test_short_training_from_end_to_end(
@@ -168,8 +170,12 @@ def test_short_training_from_end_to_end(
     assert "walking gate NOT met" in stdout and str(out) in stdout
     assert "first updates\n" in stdout  # the stage, once: no terminal redraws it
     assert {path.name for path in out.iterdir()} == {
-        "checkpoint.pt", "policy.onnx", "learning_curve.png", "result.json", "tensorboard",
-    }  # fmt: skip
+        "checkpoint.pt",
+        "policy.onnx",
+        "learning_curve.png",
+        "result.json",
+        "tensorboard",
+    }
     result = json.loads((out / "result.json").read_text())
     assert set(result) == {
         "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",

@@ -50,16 +50,31 @@ def motion(
     if current is not None:
         steps = np.full(runs * count, current)
     ranges = Ranges(
-        q=float(np.ptp(q)), qd=float(np.percentile(np.abs(qd), 95)), current=1.5, torque=0.8, dt=dt,
+        q=float(np.ptp(q)),
+        qd=float(np.percentile(np.abs(qd), 95)),
+        current=1.5,
+        torque=0.8,
+        dt=dt,
         session=runs * seconds,
-    )  # fmt: skip
+    )
     time = np.arange(len(q)) * dt
     heat = np.stack([-0.5 * T * np.expm1(-time / T) for T in HEAT_TIMES])  # at a constant 0.5 W
     kinematics = Kinematics(qd=qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf"))
     return Motion(
-        q=q, qd=qd, current=steps, torque=np.zeros(len(q)), start=np.arange(runs + 1) * count, dt=np.full(runs, dt),
-        scales=Scales(), qdd=qdd, time=time, slid_time=time, heat=heat, ranges=ranges, kinematics=kinematics,
-    )  # fmt: skip
+        q=q,
+        qd=qd,
+        current=steps,
+        torque=np.zeros(len(q)),
+        start=np.arange(runs + 1) * count,
+        dt=np.full(runs, dt),
+        scales=Scales(),
+        qdd=qdd,
+        time=time,
+        slid_time=time,
+        heat=heat,
+        ranges=ranges,
+        kinematics=kinematics,
+    )
 
 
 def vector(c: Parameters, effects: Mapping[str, Mapping[str, float]] | None = None, **changes: float) -> np.ndarray:
@@ -122,10 +137,14 @@ def recording(at: Motion, torque: np.ndarray, *, q: float = 1.0, current: float 
     for k, part in enumerate(s.parts):
         runs.append(
             Trajectory(
-                id=f"run {k}", t=at.time[part], q=q * s.q[part], qd=q * s.qd[part], current=current * s.current[part],
+                id=f"run {k}",
+                t=at.time[part],
+                q=q * s.q[part],
+                qd=q * s.qd[part],
+                current=current * s.current[part],
                 torque=size * torque[part],
             )
-        )  # fmt: skip
+        )
     units = {"q": "rad", "current": "A", "torque": "N·m"}
     if (q, current, size) != (1.0, 1.0, 1.0):
         units = {"q": "m", "current": "V", "torque": "N"}

@@ -40,10 +40,13 @@ def make(verdict: Verdict | None = "named", *, runs: int = 8, samples: int = 800
     spread = float(traces.torque.std())
     causes = (
         Cause(
-            name="coil_lag", p_value=1e-9, alternatives=("command_delay",), gain=0.6,
+            name="coil_lag",
+            p_value=1e-9,
+            alternatives=("command_delay",),
+            gain=0.6,
             parameters={"time_constant": Value(value=0.01, ci95=(0.0097, 0.0104), unit="s")},
         ),
-    )  # fmt: skip
+    )
     structure = Unexplained(depends_on=("q", "qd"), form="a smooth product of angle and velocity", share=0.4)
     fields: dict[str, Any] = {
         "verdict": verdict,

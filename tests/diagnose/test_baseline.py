@@ -26,10 +26,15 @@ def _swings(rates: tuple[float, ...], seconds: float = 2.0) -> Recording:
         w = 4.0 * np.pi
         runs.append(
             Trajectory(
-                id=f"run {k}", t=t, q=np.sin(w * t), qd=w * np.cos(w * t), current=np.where(t < 1.0, 0.5, 1.5),
-                torque=np.cos(w * t), temperature=20.0 + t,
+                id=f"run {k}",
+                t=t,
+                q=np.sin(w * t),
+                qd=w * np.cos(w * t),
+                current=np.where(t < 1.0, 0.5, 1.5),
+                torque=np.cos(w * t),
+                temperature=20.0 + t,
             )
-        )  # fmt: skip
+        )
     return Recording(trajectories=tuple(runs))
 
 
@@ -184,11 +189,16 @@ def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(s
     q = np.round(at.q / step) * step
     runs = [
         Trajectory(
-            id=f"run {k}", t=10.0 * k + np.arange(p.stop - p.start) * known.DT, q=q[p], qd=np.gradient(q[p], known.DT),
-            current=at.current[p], torque=made.measured[p], qd_derived=True,
+            id=f"run {k}",
+            t=10.0 * k + np.arange(p.stop - p.start) * known.DT,
+            q=q[p],
+            qd=np.gradient(q[p], known.DT),
+            current=at.current[p],
+            torque=made.measured[p],
+            qd_derived=True,
         )
         for k, p in enumerate(at.parts)
-    ]  # fmt: skip
+    ]
     recording = Recording(trajectories=tuple(runs))
     problem = known.posed(Motion.of(recording, Scales()), sigma=1e-2)
     fit = known.fitted(problem, INERTIA)

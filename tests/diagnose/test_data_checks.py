@@ -26,9 +26,7 @@ def good(runs: int = 6, seconds: float = 4.0, dt: float = 0.005) -> Recording:
 
 def changed(recording: Recording, **channels) -> Recording:
     """Every run with channels replaced by functions of the run."""
-    runs = tuple(
-        replace(run, **{name: make(run) for name, make in channels.items()}) for run in recording.trajectories
-    )  # fmt: skip
+    runs = tuple(replace(run, **{name: make(run) for name, make in channels.items()}) for run in recording.trajectories)
     return replace(recording, trajectories=runs)
 
 
@@ -85,7 +83,7 @@ def test_joint_that_trembles_does_not_move() -> None:
     rng = np.random.default_rng(2)
     trembling = changed(
         good(), q=lambda run: 3e-4 * rng.integers(-1, 2, len(run.q)), qd=lambda run: 0.01 * rng.normal(size=len(run.q))
-    )  # fmt: skip
+    )
     assert any("does not move" in text for text in no_verdict_reasons(trembling))
     small = changed(good(), q=lambda run: np.round(run.q / 8e-3) * 8e-3)
     assert no_verdict_reasons(small) == []

@@ -50,7 +50,7 @@ def test_effect_of_that_size_just_shows(effect: str) -> None:
         starts = slot.parameter.starts
         others[slot.parameter.name] = (
             starts(motion.ranges)[len(starts(motion.ranges)) // 2] if starts else slot.parameter.null
-        )  # fmt: skip
+        )
     need = threshold(fit)
     # 1.3 times the threshold was asked for; a gain of 39 scatters by 12, its mean over six by 5
     assert 0.8 * need < gain({effect: {first: size, **others}}, motion) < 2.5 * need

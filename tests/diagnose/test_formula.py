@@ -18,9 +18,18 @@ def found(left: np.ndarray, along: tuple[str, ...] = ("q", "qd"), noise: float =
     """Formula for a mismatch with noise."""
     zero = np.zeros(N)
     traces = Traces(
-        torque=left + np.random.default_rng(0).normal(0.0, noise, N), baseline=zero, extended=zero, q=Q, qd=QD,
-        qdd=zero, current=zero, time=zero, start=np.array([0, N]), regime=zero, noise_rms=noise,
-    )  # fmt: skip
+        torque=left + np.random.default_rng(0).normal(0.0, noise, N),
+        baseline=zero,
+        extended=zero,
+        q=Q,
+        qd=QD,
+        qdd=zero,
+        current=zero,
+        time=zero,
+        start=np.array([0, N]),
+        regime=zero,
+        noise_rms=noise,
+    )
     return find_formula(traces, Unexplained(depends_on=along, form="product", share=0.5), UNITS)
 
 

@@ -113,18 +113,21 @@ def test_reduction_is_that_of_the_rmse() -> None:
     none = np.zeros(0)
     half = HeldOut(
         baseline=baseline, extended=0.25 * baseline, predicted_baseline=none, predicted_extended=none, agreed=1.0
-    )  # fmt: skip
+    )
     value, (low, high) = reduction(half, seed=5)
     assert value == pytest.approx(0.5) and (low, high) == pytest.approx((0.5, 0.5))
     mixed = HeldOut(
-        baseline=baseline, extended=baseline * rng.uniform(0.2, 1.2, 20), predicted_baseline=none,
-        predicted_extended=none, agreed=1.0,
-    )  # fmt: skip
+        baseline=baseline,
+        extended=baseline * rng.uniform(0.2, 1.2, 20),
+        predicted_baseline=none,
+        predicted_extended=none,
+        agreed=1.0,
+    )
     value, (low, high) = reduction(mixed, seed=5)
     assert low < value < high and reduction(mixed, seed=5) == (value, (low, high))
     few = HeldOut(
         baseline=baseline[:5], extended=mixed.extended[:5], predicted_baseline=none, predicted_extended=none, agreed=1.0
-    )  # fmt: skip
+    )
     assert np.diff(reduction(few, seed=5)[1]) > high - low
 
 

@@ -18,9 +18,13 @@ def ambiguous(named: str, rival: str, numbers: dict[str, dict[str, float]], sigm
     base = known.fitted(problem)
     fits = {name: known.fitted(problem, {name: numbers[name]}) for name in (named, rival)}
     return problem, Selection(
-        base=base, final=fits[named], screened=[], leftovers=[], alternatives={named: (rival,)},
+        base=base,
+        final=fits[named],
+        screened=[],
+        leftovers=[],
+        alternatives={named: (rival,)},
         fits={base.effects: base, **{(name,): fit for name, fit in fits.items()}},
-    )  # fmt: skip
+    )
 
 
 LAGS = {"coil_lag": {"time_constant": 0.004}, "command_delay": {"delay": 0.004}}
@@ -117,13 +121,21 @@ def test_what_no_experiment_can_tell_apart_is_not_proposed() -> None:
 def test_rivals_with_another_law_are_found() -> None:
     """The rival's fit is the one with the same law."""
     law = {"kwok": {"slope": 1.0, "width": 0.2}}
-    problem = known.problem({"coulomb_friction": FRICTION["coulomb_friction"]}, seed=60, at=known.motion(60, runs=6,
-                            seconds=3.0), sigma=0.05)  # fmt: skip
+    problem = known.problem(
+        {"coulomb_friction": FRICTION["coulomb_friction"]},
+        seed=60,
+        at=known.motion(60, runs=6, seconds=3.0),
+        sigma=0.05,
+    )
     fits = {f.effects: f for f in (known.fitted(problem, {**law, name: FRICTION[name]}) for name in FRICTION)}
     final = next(fit for fit in fits.values() if "coulomb_friction" in fit.effects)
     selection = Selection(
-        base=known.fitted(problem, law), final=final, screened=[], leftovers=[],
-        alternatives={"coulomb_friction": ("stribeck",)}, fits=fits,
-    )  # fmt: skip
+        base=known.fitted(problem, law),
+        final=final,
+        screened=[],
+        leftovers=[],
+        alternatives={"coulomb_friction": ("stribeck",)},
+        fits=fits,
+    )
     found = propose(problem, selection, 1)
     assert found is not None and found.separates == ("coulomb_friction", "stribeck")

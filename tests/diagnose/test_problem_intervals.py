@@ -21,9 +21,14 @@ def regression(seed: int, runs: int, *, count: int = 100, sigma: float = 0.3, sc
     rng = np.random.default_rng(seed)
     zero = np.zeros(runs * count)
     samples = Dataset(
-        q=zero, qd=zero, current=zero, torque=zero, start=np.arange(runs + 1) * count, dt=np.full(runs, 0.005),
+        q=zero,
+        qd=zero,
+        current=zero,
+        torque=zero,
+        start=np.arange(runs + 1) * count,
+        dt=np.full(runs, 0.005),
         scales=Scales(),
-    )  # fmt: skip
+    )
     x = rng.normal(size=(3, runs * count)) * np.array([1.0, 10.0, 0.1])[:, None]
     own = TRUE[:, None] + scatter * rng.normal(size=(3, runs)) / np.array([1.0, 10.0, 0.1])[:, None]
     y = (x * own.repeat(count, axis=1)).sum(0) + sigma * rng.normal(size=runs * count)
@@ -89,7 +94,7 @@ def test_redundant_column_has_a_finite_interval() -> None:
     zero = np.zeros(table.shape[1])
     samples = Dataset(
         q=zero, qd=zero, current=zero, torque=zero, start=np.arange(7) * 100, dt=np.full(6, 0.005), scales=Scales()
-    )  # fmt: skip
+    )
     noise = Noise(whitening=np.ones(1), sigma=0.3, rms=0.3, offset=0.0, gain=0.0)
     rows = np.vstack([table, np.random.default_rng(6).normal(size=len(zero))])
     equations = NormalEquations([rows], zero, samples, noise, np.ones(len(zero)))

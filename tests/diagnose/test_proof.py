@@ -71,7 +71,7 @@ def test_an_alternative_is_possible_too() -> None:
     final = models.grown(base, screened[0])
     selection = Selection(
         base=base, final=final, screened=screened, fits=models.fits, leftovers=[], alternatives={"wear": ("wear",)}
-    )  # fmt: skip
+    )
     assert _possible_alternatives(selection, models) == {"wear": ()}
 
 
@@ -180,9 +180,14 @@ def test_a_piece_of_something_much_larger_is_a_suspect(times: float, stays: bool
     assert found.named == (["torque_sensor_lag"] if stays else []) and len(rejections) == (not stays)
 
 
-@pytest.mark.parametrize(("effect", "times", "known_"), [
-    ("position_friction", 1.05, False), ("position_friction", 1.3, True), ("rotor_inertia", 1.05, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("effect", "times", "known_"),
+    [
+        ("position_friction", 1.05, False),
+        ("position_friction", 1.3, True),
+        ("rotor_inertia", 1.05, True),
+    ],
+)
 def test_of_two_numbers_one_has_to_be_clear_of_zero(effect: str, times: float, known_: bool) -> None:
     """Of two numbers that may be zero either is beyond its own 95 % interval by chance in nearly a tenth of cases."""
     problem = known.problem(at=known.motion(50, runs=6, seconds=2.0))

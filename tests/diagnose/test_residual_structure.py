@@ -45,10 +45,13 @@ def test_functions_do_not_depend_on_the_units() -> None:
     motion = known.motion(2, runs=3, seconds=1.0)
     s, r = motion, motion.ranges
     other = dataclasses.replace(
-        motion, qdd=0.04 * motion.qdd,
+        motion,
+        qdd=0.04 * motion.qdd,
         ranges=dataclasses.replace(r, q=0.04 * r.q, qd=0.04 * r.qd, current=6.0 * r.current),
-        q=0.04 * s.q, qd=0.04 * s.qd, current=6.0 * s.current,
-    )  # fmt: skip
+        q=0.04 * s.q,
+        qd=0.04 * s.qd,
+        current=6.0 * s.current,
+    )
     loop = np.tanh(3.0 * s.qd)
     here = make_groups(motion, loop, 2.0 * loop)
     there = make_groups(other, 0.04 * loop, 10.0 * loop)
@@ -96,9 +99,14 @@ def samples(lengths: list[int]) -> Dataset:
     """Trajectories of some lengths; only their bounds count here."""
     zero = np.zeros(sum(lengths))
     return Dataset(
-        q=zero, qd=zero, current=zero, torque=zero, start=np.cumsum([0, *lengths]), dt=np.full(len(lengths), DT),
+        q=zero,
+        qd=zero,
+        current=zero,
+        torque=zero,
+        start=np.cumsum([0, *lengths]),
+        dt=np.full(len(lengths), DT),
         scales=Scales(),
-    )  # fmt: skip
+    )
 
 
 def line_in(mismatch: np.ndarray, torque: np.ndarray, lengths: list[int]) -> Line | None:

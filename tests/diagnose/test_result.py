@@ -68,9 +68,13 @@ def test_no_verdict_contradicts_itself() -> None:
         return Share(share=x, ci95=(x, x))
 
     account = Account(
-        named=share(0.0), repeatable=share(0.29), not_repeatable=share(0.71), left=0.3, cycle_spread=0.2,
+        named=share(0.0),
+        repeatable=share(0.29),
+        not_repeatable=share(0.71),
+        left=0.3,
+        cycle_spread=0.2,
         learnable=share(0.01),
-    )  # fmt: skip
+    )
     said = sentence_of(made_up.make("unexplained", account=account))
     assert "29 % of the squared mismatch comes again where the same motion does" in said
     assert "takes only 1 % off" in said and "needs more runs" in said and "up to 16 %" in said

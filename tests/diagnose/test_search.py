@@ -66,9 +66,12 @@ def test_nothing_is_named_in_clean_data() -> None:
 
 @pytest.mark.parametrize(
     ("effect", "numbers"),
-    [("coil_lag", {"time_constant": 0.008}), ("cogging", {"sine": 0.02, "cosine": 0.0, "periods": 25.0}),
-     ("coulomb_friction", {"torque": 0.05})],
-)  # fmt: skip
+    [
+        ("coil_lag", {"time_constant": 0.008}),
+        ("cogging", {"sine": 0.02, "cosine": 0.0, "periods": 25.0}),
+        ("coulomb_friction", {"torque": 0.05}),
+    ],
+)
 def test_hidden_effect_is_named(effect: str, numbers: dict[str, float]) -> None:
     """Alone, with its numbers, and what it adds is what the final model gains."""
     problem = made({effect: numbers})

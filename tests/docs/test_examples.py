@@ -202,8 +202,13 @@ def test_commands_and_options_exist(name: str) -> None:
 
 def test_what_is_not_run_stands_in_a_page() -> None:
     """A reason that nothing needs any more is taken out."""
-    lines = [" ".join(words) for page in PAGES.values() for block in blocks(page) if block.language == "bash"
-             for words in typed(block)]  # fmt: skip
+    lines = [
+        " ".join(words)
+        for page in PAGES.values()
+        for block in blocks(page)
+        if block.language == "bash"
+        for words in typed(block)
+    ]
     assert [left for left in NOT_RUN if not any(line.startswith(left) for line in lines)] == []
 
 

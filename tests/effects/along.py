@@ -48,9 +48,16 @@ class Shaft:
         heat = np.linspace(0.0, 5.0, len(t)) * np.linspace(1.0, 2.0, len(HEAT_TIMES))[:, None]
         slid = np.cumsum(np.abs(qd))
         return cls(
-            dt=dt, q=q, qd=qd, qdd=qdd, current=current, time=t, slid_time=slid * t[-1] / slid[-1], heat=heat,
+            dt=dt,
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            current=current,
+            time=t,
+            slid_time=slid * t[-1] / slid[-1],
+            heat=heat,
             start=(0, len(t)),
-        )  # fmt: skip
+        )
 
     @classmethod
     def steady(cls, current: np.ndarray, dt: float = 0.005, qd: float = 1.0) -> Self:
@@ -59,9 +66,16 @@ class Shaft:
         t, zero = np.arange(count) * dt, np.zeros(count)
         heat = np.zeros((len(HEAT_TIMES), count))
         return cls(
-            dt=dt, q=qd * t, qd=zero + qd, qdd=zero, current=current, time=t, slid_time=t, heat=heat,
+            dt=dt,
+            q=qd * t,
+            qd=zero + qd,
+            qdd=zero,
+            current=current,
+            time=t,
+            slid_time=t,
+            heat=heat,
             start=(0, count),
-        )  # fmt: skip
+        )
 
     def after(self, other: Self) -> Self:
         """This trajectory behind another one."""

@@ -92,9 +92,12 @@ def test_order_is_that_of_the_path() -> None:
     assert stages == sorted(stages)
     names = list(CATALOGUE)
     for before, after in (
-        ("coil_lag", "remanence"), ("remanence", "current_saturation"), ("velocity_lag", "backlash"),
-        ("torque_sensor_lag", "torque_gain"), ("torque_gain", "torque_bias"),
-    ):  # fmt: skip
+        ("coil_lag", "remanence"),
+        ("remanence", "current_saturation"),
+        ("velocity_lag", "backlash"),
+        ("torque_sensor_lag", "torque_gain"),
+        ("torque_gain", "torque_bias"),
+    ):
         assert names.index(before) < names.index(after)
 
 

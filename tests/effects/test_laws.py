@@ -62,8 +62,10 @@ def test_coil_lag_reaches_field_and_current_alike() -> None:
     command = 0.7 + 0.5 * np.sin(w * t)
     gain = 1.0 / (1.0 + 1j * w * lag)
     want = 0.7 + 0.5 * np.imag(gain * np.exp(1j * w * t))
-    for found in (current_of(command, {"coil_lag": {"time_constant": lag}}),
-                  field_of(command, {"coil_lag": {"time_constant": lag}})):  # fmt: skip
+    for found in (
+        current_of(command, {"coil_lag": {"time_constant": lag}}),
+        field_of(command, {"coil_lag": {"time_constant": lag}}),
+    ):
         np.testing.assert_allclose(found[100:], want[100:], rtol=0, atol=0.5 * (w * DT) ** 2 / 12.0 * 1.5)
 
 
@@ -76,8 +78,10 @@ def test_command_delay_shifts_the_command() -> None:
         found = current_of(command, {"command_delay": {"delay": samples * DT}})
         np.testing.assert_allclose(found, early[9 - samples : 9 - samples + 80], rtol=0, atol=20 * EPS)
     want = 0.6 * early[7:87] + 0.4 * early[6:86]
-    for found in (current_of(command, {"command_delay": {"delay": 2.4 * DT}}),
-                  field_of(command, {"command_delay": {"delay": 2.4 * DT}})):  # fmt: skip
+    for found in (
+        current_of(command, {"command_delay": {"delay": 2.4 * DT}}),
+        field_of(command, {"command_delay": {"delay": 2.4 * DT}}),
+    ):
         np.testing.assert_allclose(found, want, rtol=0, atol=50 * EPS)
 
 
@@ -394,9 +398,7 @@ def test_temperature_drift_weakens_with_the_stored_heat() -> None:
     loop_alone = {key: TRUTH[key] for key in ("K0", "K1", "alpha", "beta", "gamma")}
     a, b = 0.05, 0.02
     for time_constant in (HEAT_TIMES[2], HEAT_TIMES[0], float(np.sqrt(HEAT_TIMES[3] * HEAT_TIMES[4])), 100.0):
-        heat = np.array(
-            [np.interp(np.log(time_constant), np.log(HEAT_TIMES), column) for column in shaft.heat.T]
-        )  # fmt: skip
+        heat = np.array([np.interp(np.log(time_constant), np.log(HEAT_TIMES), column) for column in shaft.heat.T])
         effects = {"temperature_drift": {"yield_loss": a, "viscosity_loss": b, "time_constant": time_constant}}
         found = torque(shaft, loop_alone, effects)
         np.testing.assert_allclose(found, torque(shaft, loop_alone) * np.exp(-a * heat), rtol=0, atol=100 * EPS)

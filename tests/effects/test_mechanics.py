@@ -20,9 +20,16 @@ def stop_and_go(dt: float = 0.001) -> Shaft:
     heat = np.zeros((7, len(t)))
     zero = np.zeros(len(t))
     return Shaft(
-        dt=dt, q=q, qd=qd, qdd=np.gradient(qd, dt), current=zero + 1.0, time=t, slid_time=t, heat=heat,
+        dt=dt,
+        q=q,
+        qd=qd,
+        qdd=np.gradient(qd, dt),
+        current=zero + 1.0,
+        time=t,
+        slid_time=t,
+        heat=heat,
         start=(0, len(t)),
-    )  # fmt: skip
+    )
 
 
 def rubbing(shaft: Shaft, slips_at: Callable[[float], float], reach: float = 2e-4) -> np.ndarray:

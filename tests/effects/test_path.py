@@ -45,9 +45,11 @@ def test_way_between_samples_is_of_second_order() -> None:
 def test_effect_at_null_leaves_every_bit(name: str) -> None:
     """With what makes an effect at null, for any other numbers, the torque is that without it, bit for bit."""
     shaft = Shaft.swinging()
-    shaping = {"speed", "stribeck_speed", "periods", "time_constant"} if name in (
-        "coulomb_friction", "friction_asymmetry", "stribeck", "cogging", "temperature_drift"
-    ) else {"hold"}  # fmt: skip
+    shaping = (
+        {"speed", "stribeck_speed", "periods", "time_constant"}
+        if name in ("coulomb_friction", "friction_asymmetry", "stribeck", "cogging", "temperature_drift")
+        else {"hold"}
+    )
     null = {
         p.name: STRENGTHS[name].get(p.name, 1.0) if p.name in shaping else p.null for p in CATALOGUE[name].parameters
     }
@@ -62,9 +64,16 @@ def test_units_of_the_parameters_are_those_of_the_law(names: list[str]) -> None:
     shaft, effects = Shaft.swinging(), {name: STRENGTHS[name] for name in names}
     q, current, size = 4.0, 0.5, 8.0  # what an old unit is in new ones: powers of two, so that rounding is the same
     other = Shaft(
-        dt=shaft.dt, q=q * shaft.q, qd=q * shaft.qd, qdd=q * shaft.qdd, current=current * shaft.current,
-        time=shaft.time, slid_time=shaft.slid_time, heat=size * q * shaft.heat, start=shaft.start,
-    )  # fmt: skip
+        dt=shaft.dt,
+        q=q * shaft.q,
+        qd=q * shaft.qd,
+        qdd=q * shaft.qdd,
+        current=current * shaft.current,
+        time=shaft.time,
+        slid_time=shaft.slid_time,
+        heat=size * q * shaft.heat,
+        start=shaft.start,
+    )
 
     def factor(powers: tuple[int, int, int]) -> float:
         return q ** powers[0] * current ** powers[1] * size ** powers[2]

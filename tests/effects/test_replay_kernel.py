@@ -31,9 +31,14 @@ def launch(candidates: list[dict], data: dict, *, exact: int = 1, substeps: int 
     """Torque of all candidates, shape (C, N)."""
     start = np.concatenate([[0], np.cumsum(LENGTHS)])
     samples = Dataset(
-        q=data["q"], qd=data["qd"], current=data["current"], torque=np.zeros(len(data["q"])), start=start,
-        dt=np.array(STEPS), scales=Scales(),
-    )  # fmt: skip
+        q=data["q"],
+        qd=data["qd"],
+        current=data["current"],
+        torque=np.zeros(len(data["q"])),
+        start=start,
+        dt=np.array(STEPS),
+        scales=Scales(),
+    )
     return Replay(samples, exact=bool(exact), substeps=substeps).torque(candidates)
 
 

@@ -19,9 +19,11 @@ def rows(noise: float = 0.0, seed: int = 0, count: int = 7) -> list[MeasuredPowe
         joints = JointLoad(
             torque_square=generator.uniform(2.0, 25.0, 12) * generator.uniform(0.5, 1.5),
             speed=generator.uniform(0.0, 2.0, 12) * generator.uniform(0.0, 1.5),
-            work_out=generator.uniform(0.0, 3.0, 12), work_in=generator.uniform(0.0, 2.0, 12),
-            coil=np.zeros(0), friction=np.zeros(0),
-        )  # fmt: skip
+            work_out=generator.uniform(0.0, 3.0, 12),
+            work_in=generator.uniform(0.0, 2.0, 12),
+            coil=np.zeros(0),
+            friction=np.zeros(0),
+        )
         made.append(
             MeasuredPower(
                 name=f"row {k}",

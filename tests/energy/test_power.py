@@ -22,9 +22,13 @@ def a_use(
 ) -> JointLoad:
     """One value for every joint and device."""
     return JointLoad(
-        torque_square=np.full(12, square), speed=np.full(12, speed), work_out=np.full(12, out),
-        work_in=np.full(12, back), coil=np.full(devices, coil), friction=np.zeros(devices),
-    )  # fmt: skip
+        torque_square=np.full(12, square),
+        speed=np.full(12, speed),
+        work_out=np.full(12, out),
+        work_in=np.full(12, back),
+        coil=np.full(devices, coil),
+        friction=np.zeros(devices),
+    )
 
 
 def test_a_robot_at_rest_draws_electronics_and_idle_controllers() -> None:
@@ -84,10 +88,14 @@ def test_what_a_joint_gives_and_takes_back_never_gains() -> None:
 def test_parts_add_up_and_leading_axes_stay() -> None:
     """The total is the sum of the parts for a batch of uses."""
     generator = np.random.default_rng(0)
-    joints = JointLoad(**{
-        name: generator.uniform(0.0, 10.0, (5, 12 if name in ("torque_square", "speed", "work_out", "work_in") else 4))
-        for name in ("torque_square", "speed", "work_out", "work_in", "coil", "friction")
-    })  # fmt: skip
+    joints = JointLoad(
+        **{
+            name: generator.uniform(
+                0.0, 10.0, (5, 12 if name in ("torque_square", "speed", "work_out", "work_in") else 4)
+            )
+            for name in ("torque_square", "speed", "work_out", "work_in", "coil", "friction")
+        }
+    )
     power = battery_power(joints, ElectricalCfg())
     assert power.total.shape == (5,)
     np.testing.assert_allclose(power.total, sum(power.parts().values()))

@@ -8,9 +8,13 @@ import pytest
 from mrwarp.energy.thermal import Temperatures, ThermalCfg, calf_rises, calibrate, derated, step
 
 CFG = ThermalCfg(
-    winding_capacity=30.0, winding_resistance=1.0, housing_capacity=400.0, housing_resistance=5.0,
-    fluid_capacity=50.0, fluid_resistance=8.0,
-)  # fmt: skip
+    winding_capacity=30.0,
+    winding_resistance=1.0,
+    housing_capacity=400.0,
+    housing_resistance=5.0,
+    fluid_capacity=50.0,
+    fluid_resistance=8.0,
+)
 
 
 def heated(seconds: float, loss: float, device: float = 0.0, start: Temperatures | None = None) -> Temperatures:

@@ -22,11 +22,24 @@ def test_two_tasks_are_equal_but_separate_objects() -> None:
 def test_every_choice_is_kept() -> None:
     """Each argument ends up in the field that the environment reads; ground and randomisation by name, too."""
     cfg = TaskCfg(
-        num_envs=3, device="cpu", seed=7, robot="go1", payload=3, asset="x.usda", actuator="mlp",
-        actuator_file="net.safetensors", coupling=Coupling.EXPLICIT, hold_current=HoldCurrent.FIXED,
-        z_step=ZStep.EXACT, sal=False, backend=BackendKind.MJWARP, threads=2,
-        deterministic=True, randomize="none", terrain="rough",
-    )  # fmt: skip
+        num_envs=3,
+        device="cpu",
+        seed=7,
+        robot="go1",
+        payload=3,
+        asset="x.usda",
+        actuator="mlp",
+        actuator_file="net.safetensors",
+        coupling=Coupling.EXPLICIT,
+        hold_current=HoldCurrent.FIXED,
+        z_step=ZStep.EXACT,
+        sal=False,
+        backend=BackendKind.MJWARP,
+        threads=2,
+        deterministic=True,
+        randomize="none",
+        terrain="rough",
+    )
     assert cfg.deterministic and cfg.randomize is None and cfg.terrain == TerrainCfg()
     assert (cfg.num_envs, cfg.device, cfg.backend, cfg.threads) == (3, "cpu", BackendKind.MJWARP, 2)
     assert (cfg.seed, cfg.robot, cfg.payload, cfg.asset) == (7, "go1", 3, "x.usda")

@@ -22,9 +22,13 @@ from mrwarp.rl.trainer import Trainer
 
 @wp.kernel
 def law_kernel(
-    params: wp.array[JointParams], e: wp.array[float], qd: wp.array[float], strength: wp.array[float],
-    scheduled: wp.array[float], learned: wp.array[float],
-):  # fmt: skip
+    params: wp.array[JointParams],
+    e: wp.array[float],
+    qd: wp.array[float],
+    strength: wp.array[float],
+    scheduled: wp.array[float],
+    learned: wp.array[float],
+):
     """The law for an error, speed and strength; the policy's current for the error taken as an action."""
     i = wp.tid()
     scheduled[i] = commands.scheduled_current(params[0], e[i], qd[i], strength[i], 1.5)

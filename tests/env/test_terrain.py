@@ -95,10 +95,14 @@ def walkers(count: int) -> Any:
     """The arrays that the curriculum reads and writes: robots at rest, without a command."""
     still, way = torch.zeros(2, count, 3), torch.zeros(2, count)
     return SimpleNamespace(
-        key=torch.zeros(2, dtype=torch.int64), body_velocity=still[0], command=still[1],
-        flags=torch.zeros(4, count, dtype=torch.bool), level=torch.zeros(count, dtype=torch.int64), walked=way[0],
+        key=torch.zeros(2, dtype=torch.int64),
+        body_velocity=still[0],
+        command=still[1],
+        flags=torch.zeros(4, count, dtype=torch.bool),
+        level=torch.zeros(count, dtype=torch.int64),
+        walked=way[0],
         commanded=way[1],
-    )  # fmt: skip
+    )
 
 
 def test_curriculum_moves_those_that_are_reset_by_how_far_they_walked(terrain: Terrain) -> None:

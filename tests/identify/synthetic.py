@@ -75,9 +75,7 @@ def bench_like(seed: int, *, runs: int = 12, seconds: float = 4.0, noise: float 
 def scaled(recording: Recording, q: float, current: float, torque: float, units: dict[str, str]) -> Recording:
     """The runs of a device with other scales."""
     runs = tuple(
-        Trajectory(
-            id=r.id, t=r.t, q=r.q * q, qd=r.qd * q, current=r.current * current, torque=r.torque * torque
-        )
+        Trajectory(id=r.id, t=r.t, q=r.q * q, qd=r.qd * q, current=r.current * current, torque=r.torque * torque)
         for r in recording.trajectories
-    )  # fmt: skip
+    )
     return Recording(trajectories=runs, units=units)

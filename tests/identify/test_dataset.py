@@ -61,8 +61,9 @@ def test_heat_is_the_solution_of_its_equation(resistance: float) -> None:
 def test_heat_has_the_units_inside() -> None:
     """Divided by the scales of torque and angle the heat is the same, resistive heat included."""
     recording = Recording(trajectories=(run(0.0), run(12.0)))
-    outer, inner = (Motion.of(recording, scales, resistance=4.0) for scales in (
-        Scales(), Scales(q=0.5, current=1.5, torque=3.0)))  # fmt: skip
+    outer, inner = (
+        Motion.of(recording, scales, resistance=4.0) for scales in (Scales(), Scales(q=0.5, current=1.5, torque=3.0))
+    )
     np.testing.assert_allclose(inner.heat * 3.0 * 0.5, outer.heat, rtol=1e-9)
 
 

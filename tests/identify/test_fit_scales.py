@@ -53,10 +53,15 @@ def _elastic_slip(noise: float, rate: float = 500.0) -> Recording:
             half = quiet_half(q, 1.0 / rate)
             runs.append(
                 Trajectory(
-                    id=f"{f:g} Hz {stroke:g} m", t=t, q=q, qd=differentiate(q, 1.0 / rate, half), qd_derived=True,
-                    current=np.zeros(len(t)), torque=force,
+                    id=f"{f:g} Hz {stroke:g} m",
+                    t=t,
+                    q=q,
+                    qd=differentiate(q, 1.0 / rate, half),
+                    qd_derived=True,
+                    current=np.zeros(len(t)),
+                    torque=force,
                 )
-            )  # fmt: skip
+            )
     return Recording(trajectories=tuple(runs), units={"q": "m", "current": "none", "torque": "N"})
 
 

@@ -52,10 +52,14 @@ def logged(
         _, late, _ = swing(100 * seed + k, t, lag)
         found.append(
             Trajectory(
-                id=f"run{k}", t=t + 2.0 * k * seconds, q=np.round(q / STEP) * STEP,
-                qd=late + V_NOISE * rng.normal(size=len(t)), current=np.zeros(len(t)), torque=np.zeros(len(t)),
+                id=f"run{k}",
+                t=t + 2.0 * k * seconds,
+                q=np.round(q / STEP) * STEP,
+                qd=late + V_NOISE * rng.normal(size=len(t)),
+                current=np.zeros(len(t)),
+                torque=np.zeros(len(t)),
             )
-        )  # fmt: skip
+        )
         speeds.append(qd)
         slopes.append(qdd)
     return Recording(trajectories=tuple(found)), np.concatenate(speeds), np.concatenate(slopes)
@@ -102,9 +106,7 @@ def test_both_channels_together_beat_the_velocity_channel() -> None:
 def test_velocity_is_derived_where_there_is_none() -> None:
     """Without a velocity channel the angle gives it; no lag can be found."""
     recording, qd, qdd = logged(7)
-    runs = tuple(
-        replace(run, qd=differentiate(run.q, run.dt), qd_derived=True) for run in recording.trajectories
-    )  # fmt: skip
+    runs = tuple(replace(run, qd=differentiate(run.q, run.dt), qd_derived=True) for run in recording.trajectories)
     found = reconstruct(replace(recording, trajectories=runs))
     assert found.velocity_lag == 0.0 and np.isinf(found.velocity_lag_error)
     assert rms(found.qd - qd) < 0.01 * rms(qd)

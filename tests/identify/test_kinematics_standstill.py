@@ -29,9 +29,13 @@ def stops(seed: int, dt: float = 0.005, dither: float = 0.0) -> tuple[np.ndarray
     noise = np.random.default_rng(seed).normal(size=(2, len(t)))
     read = np.round((q + 2e-5 * noise[0]) / STEP) * STEP
     return qd, Trajectory(
-        id=f"run {seed}", t=t + 10.0 * seed, q=read, qd=qd + V_NOISE * noise[1], current=np.ones(len(t)),
+        id=f"run {seed}",
+        t=t + 10.0 * seed,
+        q=read,
+        qd=qd + V_NOISE * noise[1],
+        current=np.ones(len(t)),
         torque=np.zeros(len(t)),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("dt", [0.01, 0.005, 0.0005])
@@ -149,7 +153,11 @@ def test_noise_of_an_encoder_survives_resampling() -> None:
     read = np.round((0.3 * np.sin(0.8 * t) ** 3) / STEP) * STEP
     twice = np.arange(1599) * 0.005
     run = Trajectory(
-        id="run", t=twice, q=np.interp(twice, t, read), qd=np.zeros(1599), current=np.zeros(1599),
+        id="run",
+        t=twice,
+        q=np.interp(twice, t, read),
+        qd=np.zeros(1599),
+        current=np.zeros(1599),
         torque=np.zeros(1599),
-    )  # fmt: skip
+    )
     assert angle_noise([run]) == pytest.approx(Q_NOISE, rel=0.3)

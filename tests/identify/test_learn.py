@@ -30,10 +30,14 @@ def make_recording(count: int, seed: int, *, current: float | None = None, dt: f
         amps = rng.choice([0.0, 0.5, 1.0, 1.5]) if current is None else current
         runs.append(
             Trajectory(
-                id=f"run{k}", t=t, q=a * np.sin(w * t + phase), qd=a * w * np.cos(w * t + phase),
-                current=np.full_like(t, amps), torque=np.zeros_like(t),
+                id=f"run{k}",
+                t=t,
+                q=a * np.sin(w * t + phase),
+                qd=a * w * np.cos(w * t + phase),
+                current=np.full_like(t, amps),
+                torque=np.zeros_like(t),
             )
-        )  # fmt: skip
+        )
     silent = Recording(trajectories=tuple(runs))
     tau = learn.bouc_wen_torque(silent, PAPER)
     measured = (replace(r, torque=x + 0.3 * np.tanh(r.qd / 0.02) ** 2) for r, x in zip(runs, tau, strict=True))

@@ -66,9 +66,15 @@ def test_the_study_counts_false_alarms_and_delays(tmp_path: Path, monkeypatch: p
     assert found["losses"]["0.5"]["records"] == [1] and len(found["healthy"]["alarms"]) == 1
     assert "noticed" in lines(found)[1]
     assert spent(tmp_path)["measuring"] > 0.0 == spent(tmp_path)["training"]
-    monkeypatch.setattr(ageing, "follow", lambda _, device, __: {
-        "alarms": {"yield": 3}, "losses": {"0.5": {"records": None, "told": 0.0}}, "series": {},
-    })  # fmt: skip
+    monkeypatch.setattr(
+        ageing,
+        "follow",
+        lambda _, device, __: {
+            "alarms": {"yield": 3},
+            "losses": {"0.5": {"records": None, "told": 0.0}},
+            "series": {},
+        },
+    )
     more = run(replace(cfg, devices=2), tmp_path)
     assert more["losses"]["0.5"]["records"] == [1, None] and more["losses"]["0.5"]["noticed"]["share"] == 0.5
     assert more["healthy"]["share"]["share"] == 0.5 * (1 + bool(found["healthy"]["alarms"][0]))

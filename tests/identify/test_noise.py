@@ -14,9 +14,14 @@ def samples(runs: int, count: int) -> Dataset:
     """Trajectories of equal length; only their bounds count here."""
     zero = np.zeros(runs * count)
     return Dataset(
-        q=zero, qd=zero, current=zero, torque=zero, start=np.arange(runs + 1) * count, dt=np.full(runs, DT),
+        q=zero,
+        qd=zero,
+        current=zero,
+        torque=zero,
+        start=np.arange(runs + 1) * count,
+        dt=np.full(runs, DT),
         scales=Scales(),
-    )  # fmt: skip
+    )
 
 
 def torque(runs: int, count: int) -> np.ndarray:

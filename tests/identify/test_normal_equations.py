@@ -17,9 +17,7 @@ def table() -> tuple[np.ndarray, np.ndarray, Dataset]:
     rng = np.random.default_rng(1)
     start = np.cumsum([0, 50, 70, 40, 80, 60])
     zero = np.zeros(start[-1])
-    samples = Dataset(
-        q=zero, qd=zero, current=zero, torque=zero, start=start, dt=np.full(RUNS, 0.005), scales=Scales()
-    )  # fmt: skip
+    samples = Dataset(q=zero, qd=zero, current=zero, torque=zero, start=start, dt=np.full(RUNS, 0.005), scales=Scales())
     rows = rng.normal(size=(COLUMNS + 1, start[-1]))
     rows[-1] += np.array([1.0, -2.0, 0.5, 0.0]) @ rows[:-1]
     return rows, rng.normal(size=start[-1]) + 1.0, samples
@@ -123,8 +121,13 @@ def test_useless_column_gains_nothing_left_out(table: tuple) -> None:
     for _ in range(200):
         tried = np.vstack([rows[:-1], rng.normal(size=rows.shape[1]), rows[-1]])
         # the target's own noise: after the filter, of unit variance
-        grams = NormalEquations([tried], torque, samples, Noise(
-            whitening=np.ones(1), sigma=1.0, rms=1.0, offset=0.0, gain=0.0), np.ones(rows.shape[1]))  # fmt: skip
+        grams = NormalEquations(
+            [tried],
+            torque,
+            samples,
+            Noise(whitening=np.ones(1), sigma=1.0, rms=1.0, offset=0.0, gain=0.0),
+            np.ones(rows.shape[1]),
+        )
         inside = [losses(grams, list(range(n)), COLUMNS + 1)[1].sum() for n in (COLUMNS, COLUMNS + 1)]
         outside = [losses(grams, list(range(n)), COLUMNS + 1)[2].sum() for n in (COLUMNS, COLUMNS + 1)]
         assert inside[1] < inside[0]

@@ -60,9 +60,18 @@ def laws_kernel(
     i = wp.tid()
     rate_out[i] = bouc_wen_rate(qd_in[i], z_in[i], 16.50618, -10.53036)
     tau_out[i] = bouc_wen_torque(
-        qd_in[i], q_c_in[i], current_in[i], z_in[i],
-        -0.01917639, 0.1013626, 0.2160456, -7.681742e-4, 0.3992754, 10.413315, 0.7777051,
-    )  # fmt: skip
+        qd_in[i],
+        q_c_in[i],
+        current_in[i],
+        z_in[i],
+        -0.01917639,
+        0.1013626,
+        0.2160456,
+        -7.681742e-4,
+        0.3992754,
+        10.413315,
+        0.7777051,
+    )
 
 
 def test_rate_and_torque_equal_the_equations():

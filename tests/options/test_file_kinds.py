@@ -30,10 +30,18 @@ def put(folder: Path, name: str) -> Path:
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize(
     "command",
-    ["impact --model", "walk --model", "mission --model", "train --model", "play --agent zero --model",
-     "learn . --out o --bouc-wen", "diagnose . --model", "asset apply a.usda",
-     "robot fit-device a.usda --joint a --model"],
-)  # fmt: skip
+    [
+        "impact --model",
+        "walk --model",
+        "mission --model",
+        "train --model",
+        "play --agent zero --model",
+        "learn . --out o --bouc-wen",
+        "diagnose . --model",
+        "asset apply a.usda",
+        "robot fit-device a.usda --joint a --model",
+    ],
+)
 def test_json_in_the_place_of_a_model(
     command: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -33,9 +33,11 @@ def pretended(bar: ProgressBar, seconds: float) -> None:
         ("other hysteresis laws: Kwok's law, Guo's arctangent law", "other hysteresis laws"),
         ("replaying 38 windows: 15 of 45 robots", "replaying 38 windows"),
         ("one two three four five six seven", "one two three four five six"),
-        ("table6: walks", "table6"), ("fig4:", "fig4"), ("pictures", "pictures"),
+        ("table6: walks", "table6"),
+        ("fig4:", "fig4"),
+        ("pictures", "pictures"),
     ],
-)  # fmt: skip
+)
 def test_a_stage_is_its_first_clause(text: str, stage: str) -> None:
     """Of at most six words."""
     assert stage_of(text) == stage and len(stage.split()) <= STAGE_WORDS

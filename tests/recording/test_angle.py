@@ -23,16 +23,24 @@ def _swing() -> dict[str, np.ndarray]:
     """A joint that swings by 1.3 turns, at 200 Hz for 4 s."""
     data = columns(800)
     data.pop("qd")
-    return {**data, "q": 8.2 * np.sin(2.0 * np.pi * 0.5 * data["t"]) + 0.4, "torque": (0.5 + data["current"]) * np.tanh(
-        np.cos(2.0 * np.pi * 0.5 * data["t"]) / 0.1)}  # fmt: skip
+    return {
+        **data,
+        "q": 8.2 * np.sin(2.0 * np.pi * 0.5 * data["t"]) + 0.4,
+        "torque": (0.5 + data["current"]) * np.tanh(np.cos(2.0 * np.pi * 0.5 * data["t"]) / 0.1),
+    }
 
 
 @pytest.mark.parametrize(
     ("units", "per", "lowest", "period"),
-    [({"q": "deg"}, 180.0 / np.pi, -180.0, 360.0), ({"q": "deg"}, 180.0 / np.pi, 0.0, 360.0), ({}, 1.0, -np.pi, TURN),
-     ({}, 1.0, 0.0, TURN), ({"q": "counts/4096"}, 4096 / TURN, 0.0, 4096.0),
-     ({"q": "counts/30000"}, 30000 / TURN, -32768.0, 65536.0)],
-)  # fmt: skip
+    [
+        ({"q": "deg"}, 180.0 / np.pi, -180.0, 360.0),
+        ({"q": "deg"}, 180.0 / np.pi, 0.0, 360.0),
+        ({}, 1.0, -np.pi, TURN),
+        ({}, 1.0, 0.0, TURN),
+        ({"q": "counts/4096"}, 4096 / TURN, 0.0, 4096.0),
+        ({"q": "counts/30000"}, 30000 / TURN, -32768.0, 65536.0),
+    ],
+)
 def test_an_angle_that_wraps_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], units: dict[str, str], per: float, lowest: float, period: float
 ) -> None:

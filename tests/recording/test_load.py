@@ -189,10 +189,15 @@ def test_check_explains_a_good_recording(tmp_path: Path, capsys: pytest.CaptureF
     assert cli.main(["check", str(path)]) == 0
     out = capsys.readouterr().out
     for part in (
-        "trajectories  1 of 200", "at 200 Hz", "-0.5 to 0.5 rad", "levels 0, 1 A; 1 changes",
-        "derived from q in 1 of 1 trajectories: zero phase", "seed          7", "record several",
+        "trajectories  1 of 200",
+        "at 200 Hz",
+        "-0.5 to 0.5 rad",
+        "levels 0, 1 A; 1 changes",
+        "derived from q in 1 of 1 trajectories: zero phase",
+        "seed          7",
+        "record several",
         "no verdict by diagnose: only 1 trajectory",
-    ):  # fmt: skip
+    ):
         assert part in out, part
 
 

@@ -118,10 +118,14 @@ def test_one_bad_file_of_many_is_left_out_on_request(tmp_path: Path, capsys: pyt
 
 @pytest.mark.parametrize(
     ("unit", "shown", "stiffness"),
-    [("bar", "0 to 1 bar (pressure)", "N/(m·bar)"), ("%", "0 to 1 % (control input)", "N/(m·%)"),
-     ("N·m", "0 to 1 N·m (load torque)", "N/(m·(N·m))"), ("1", "0 to 1 (control input)", "N/m"),
-     ("preload steps", "0 to 1 preload steps (control input)", "N/(m·(preload steps))")],
-)  # fmt: skip
+    [
+        ("bar", "0 to 1 bar (pressure)", "N/(m·bar)"),
+        ("%", "0 to 1 % (control input)", "N/(m·%)"),
+        ("N·m", "0 to 1 N·m (load torque)", "N/(m·(N·m))"),
+        ("1", "0 to 1 (control input)", "N/m"),
+        ("preload steps", "0 to 1 preload steps (control input)", "N/(m·(preload steps))"),
+    ],
+)
 def test_the_control_input_keeps_the_unit_it_has(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str, shown: str, stiffness: str
 ) -> None:

@@ -21,10 +21,25 @@ def _declared(folder: Path, data: dict[str, np.ndarray], units: dict[str, Any]) 
 
 @pytest.mark.parametrize(
     ("unit", "meant"),
-    [("milliamp", "mA"), ("Milliamperes", "mA"), ("miliamp", "mA"), ("ma", "mA"), ("amps", "A"), ("Volt", "V"),
-     ("PSI", "psi"), ("Nm", "N·m"), ("None", "none"), ("milli amps", "mA"), ("m-A", "mA"), ("[mA]", "mA"),
-     ("A rms", "A"), ("mA_cmd", "mA"), ("microamp", "uA"), ("kilovolt", "kV")],
-)  # fmt: skip
+    [
+        ("milliamp", "mA"),
+        ("Milliamperes", "mA"),
+        ("miliamp", "mA"),
+        ("ma", "mA"),
+        ("amps", "A"),
+        ("Volt", "V"),
+        ("PSI", "psi"),
+        ("Nm", "N·m"),
+        ("None", "none"),
+        ("milli amps", "mA"),
+        ("m-A", "mA"),
+        ("[mA]", "mA"),
+        ("A rms", "A"),
+        ("mA_cmd", "mA"),
+        ("microamp", "uA"),
+        ("kilovolt", "kV"),
+    ],
+)
 def test_a_unit_near_a_known_one_is_asked_back(tmp_path: Path, unit: str, meant: str) -> None:
     """Nobody's unit is called milliamp: the question names what was meant, and the way out where it is one."""
     path = _declared(tmp_path, columns(), {"current": unit})
@@ -60,9 +75,13 @@ def test_a_misspelt_unit_of_the_angle_is_asked_back(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "units",
-    [{"q": "counts", "counts_per_revolution": 4096}, {"q": "counts/4096"}, {"counts_per_revolution": 4096},
-     {"q": "ticks", "counts_per_revolution": 4096.0}],
-)  # fmt: skip
+    [
+        {"q": "counts", "counts_per_revolution": 4096},
+        {"q": "counts/4096"},
+        {"counts_per_revolution": 4096},
+        {"q": "ticks", "counts_per_revolution": 4096.0},
+    ],
+)
 def test_encoder_counts_are_converted(tmp_path: Path, units: dict[str, Any]) -> None:
     """Counts of a declared size are an angle; the velocity, where there is one, follows in counts per second."""
     data, per = columns(), 4096.0 / (2.0 * np.pi)
@@ -112,8 +131,12 @@ def test_a_declared_unit_is_believed(tmp_path: Path, capsys: pytest.CaptureFixtu
     swing = {**data, "q": 190.0 * scale * data["q"], "qd": 190.0 * scale * data["qd"]}
     (tmp_path / "swing").mkdir()
     load_recording(_declared(tmp_path / "swing", swing, units))
-    on = {**data, "q": 40.0 * scale * data["t"], "qd": np.full(2000, 40.0 * scale),
-          "torque": 0.5 + 0.5 * data["current"] + 0.05 * np.sin(7.0 * data["t"])}  # fmt: skip
+    on = {
+        **data,
+        "q": 40.0 * scale * data["t"],
+        "qd": np.full(2000, 40.0 * scale),
+        "torque": 0.5 + 0.5 * data["current"] + 0.05 * np.sin(7.0 * data["t"]),
+    }
     assert cli.main(["check", str(_declared(tmp_path, on, units))]) == 0
     out = capsys.readouterr().out
     assert "turns in one direction: taken as a shaft that goes round" in out and "; declare" not in out

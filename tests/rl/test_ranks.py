@@ -287,8 +287,13 @@ def train(ranks: Ranks, out: Path, iterations: int, resume: bool, stopping: bool
 
         run.watchers.append(stop)
     result = run.run()
-    return {"iterations": result["iterations"], "rng": torch.get_rng_state(), "env": run.env.state(),
-            "networks": run.algorithm.save(), "rows": len(run.progress.rows)}  # fmt: skip
+    return {
+        "iterations": result["iterations"],
+        "rng": torch.get_rng_state(),
+        "env": run.env.state(),
+        "networks": run.algorithm.save(),
+        "rows": len(run.progress.rows),
+    }
 
 
 @pytest.mark.slow

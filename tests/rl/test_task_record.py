@@ -68,9 +68,19 @@ def test_every_shipped_policy_names_its_task() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"robot": []}, {"payload": "3"}, {"sal": 1}, {"coupling": "glue"}, {"rewards": 3}, {"terrain": "hilly"},
-              {"randomize": {"friction": 1, "colour": 2}}, {"rewards": {"tlt": 1.0}}, {"coil_lag": -1.0}]
-)  # fmt: skip
+    "wrong",
+    [
+        {"robot": []},
+        {"payload": "3"},
+        {"sal": 1},
+        {"coupling": "glue"},
+        {"rewards": 3},
+        {"terrain": "hilly"},
+        {"randomize": {"friction": 1, "colour": 2}},
+        {"rewards": {"tlt": 1.0}},
+        {"coil_lag": -1.0},
+    ],
+)
 def test_what_is_no_task_is_refused(wrong: dict[str, Any]) -> None:
     """A policy's file may say anything."""
     with pytest.raises(ValueError, match=r"\w"):

@@ -20,9 +20,13 @@ def start(out: Path) -> subprocess.Popen[str]:
     options = ["--num-envs", "4", "--iterations", "100000", "--no-gate", "--save-every", "0", "--out", str(out)]
     pipe = subprocess.PIPE
     run = subprocess.Popen(
-        [sys.executable, *command, *options], cwd=ROOT, stdout=pipe, stderr=pipe, text=True,
+        [sys.executable, *command, *options],
+        cwd=ROOT,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    )
     assert run.stdout is not None
     for line in run.stdout:
         if line.startswith("update"):

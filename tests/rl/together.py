@@ -33,8 +33,9 @@ def together(function: Callable[..., Any], folder: Path, *args: Any, world: int 
         port = free.getsockname()[1]
     context = multiprocessing.get_context("fork")
     results = [folder / f"rank{rank}.pt" for rank in range(world)]
-    runs = [context.Process(target=_enter, args=(function, rank, world, port, results[rank], args))
-            for rank in range(world)]  # fmt: skip
+    runs = [
+        context.Process(target=_enter, args=(function, rank, world, port, results[rank], args)) for rank in range(world)
+    ]
     for run in runs:
         run.start()
     for run in runs:

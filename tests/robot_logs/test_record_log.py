@@ -21,9 +21,12 @@ from mrwarp.robot_logs.virtual.true_robot import describe
 from tests.robot_logs.arm_log import ARM, JOINTS
 
 PLACES = Places(
-    joint=("FL_hip", "FL_calf", "RL_calf"), device=("FL_calf", "RL_calf"), body=("FL_shank",), trunk="base",
+    joint=("FL_hip", "FL_calf", "RL_calf"),
+    device=("FL_calf", "RL_calf"),
+    body=("FL_shank",),
+    trunk="base",
     legs={"FL": ("FL_hip", "FL_calf"), "RL": ("RL_calf",)},
-)  # fmt: skip
+)
 
 
 def test_hidden_effects_are_read_with_place_and_size() -> None:
@@ -87,8 +90,10 @@ def test_the_truth_stands_beside_the_log(air: Path) -> None:
     """Causes with place and size."""
     hidden = json.loads((air / "truth.json").read_text())["hidden"]
     assert [(h["cause"], h["where"], h["values"]["size"]) for h in hidden] == [
-        ("coulomb_friction", "FR_calf", 1.5), ("encoder_offset", "RL_hip", 0.2), ("motor_strength", "RR_thigh", 0.5),
-    ]  # fmt: skip
+        ("coulomb_friction", "FR_calf", 1.5),
+        ("encoder_offset", "RL_hip", 0.2),
+        ("motor_strength", "RR_thigh", 0.5),
+    ]
 
 
 def test_hidden_effects_act(air: Path) -> None:

@@ -41,7 +41,7 @@ def furthest(a: list[np.ndarray], b: list[np.ndarray]) -> float:
     return max(
         float((np.sqrt(np.nanmean((x - y) ** 2, axis=(1, 2))) / np.sqrt(np.nanmean(x**2))).max())
         for x, y in zip(a, b, strict=True)
-    )  # fmt: skip
+    )
 
 
 def test_mujoco_warp_replays_as_mujoco(squat: RobotLog, monkeypatch: pytest.MonkeyPatch) -> None:

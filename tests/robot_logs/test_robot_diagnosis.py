@@ -499,9 +499,17 @@ def _evidence(a: np.ndarray, b: np.ndarray) -> Evidence:
     """Of W windows, shapes (W, P, P) and (W, P)."""
     count = len(a)
     return Evidence(
-        information=a, score=b, square=np.zeros(count), weight=np.ones(count), scale=1.0, sigma={}, samples=count,
-        run=np.zeros(count), lost=0, keep=np.ones(count, dtype=bool),
-    )  # fmt: skip
+        information=a,
+        score=b,
+        square=np.zeros(count),
+        weight=np.ones(count),
+        scale=1.0,
+        sigma={},
+        samples=count,
+        run=np.zeros(count),
+        lost=0,
+        keep=np.ones(count, dtype=bool),
+    )
 
 
 def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path) -> None:
@@ -557,8 +565,13 @@ def test_windows_of_a_walk_begin_where_speeds_are_known(tmp_path: Path) -> None:
 
 def test_a_robot_begins_as_it_stands_under_a_hypothesis(tmp_path: Path) -> None:
     """A gyroscope's bias is taken off what was read, and where an encoder is wrong the trunk moves with its feet."""
-    cfg = LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1,
-                 hide=("encoder_offset=FR_hip:0.04", "gyro_bias=0,0,0.3"))  # fmt: skip
+    cfg = LogCfg(
+        robot="mr_go",
+        motions=(("walk", 4.0),),
+        policy=DEFAULT_POLICY,
+        seed=1,
+        hide=("encoder_offset=FR_hip:0.04", "gyro_bias=0,0,0.3"),
+    )
     with contextlib.suppress(OSError):
         record(cfg, tmp_path)
     log = load_log(tmp_path)
@@ -720,9 +733,12 @@ def test_a_fault_of_a_coil_cannot_hide_behind_the_robot() -> None:
     share = np.stack([-asked, np.zeros_like(asked)], axis=1).reshape(30, 2, 60)  # and a number no current shows
     read = (-asked + 0.004 * rng.standard_normal(asked.shape)).reshape(30, 60)
     slopes = Slopes(
-        layout={"current": (60, 1)}, j=share.astype(np.float32), z=np.zeros((30, 1, 60), np.float32), base=read,
+        layout={"current": (60, 1)},
+        j=share.astype(np.float32),
+        z=np.zeros((30, 1, 60), np.float32),
+        base=read,
         windows=SimpleNamespace(),
-    )  # fmt: skip
+    )
     assert _currents_alone([slopes], [read])["current"] == pytest.approx([0.004], rel=0.1)
 
 
@@ -730,9 +746,16 @@ def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """A parabola through a step lies far off: the least is found by halving, and never left for a worse one."""
     monkeypatch.setattr(robot_fit, "replayed", lambda e, m, g, p, x: (abs(x[0] - 0.9) + 1e5 * (x[0] > 0.95), None))
     found = searched(
-        np.array([0.8]), [0], None, [], [_parameter()], SimpleNamespace(scale=1.0), np.zeros((1, 1)), np.array([0.0]),
+        np.array([0.8]),
+        [0],
+        None,
+        [],
+        [_parameter()],
+        SimpleNamespace(scale=1.0),
+        np.zeros((1, 1)),
+        np.array([0.0]),
         np.array([2.0]),
-    )  # fmt: skip
+    )
     assert found[0] == pytest.approx(0.9, abs=0.03)
 
 

@@ -41,9 +41,18 @@ def test_a_proposed_motion_can_be_recorded(cause: str, motions: dict[str, Shown]
 
 def _gain(name: str, where: str, index: int, *, field: Field = "kp") -> Parameter:
     return Parameter(
-        cause=name, where=where, name="gain", unit="1", field=field, index=index, step=0.05, spread=0.02, least=0.04,
-        fault=0.3, nominal=1.0,
-    )  # fmt: skip
+        cause=name,
+        where=where,
+        name="gain",
+        unit="1",
+        field=field,
+        index=index,
+        step=0.05,
+        spread=0.02,
+        least=0.04,
+        fault=0.3,
+        nominal=1.0,
+    )
 
 
 @pytest.mark.parametrize("legged", [False, True])
@@ -69,13 +78,17 @@ def test_advice_fits_the_robot(legged: bool) -> None:
     ("shown", "left"),
     [
         ([], {"kp", "torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m", "motor_strength of robot"}),
-        ([("kp", "elbow", (0,))], {"kp of wrist", "torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m",
-                                   "motor_strength of robot"}),
-        ([("kp", "robot", (0, 1)), ("motor_strength", "robot", ())],
-         {"torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m"}),
+        (
+            [("kp", "elbow", (0,))],
+            {"kp of wrist", "torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m", "motor_strength of robot"},
+        ),
+        (
+            [("kp", "robot", (0, 1)), ("motor_strength", "robot", ())],
+            {"torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m"},
+        ),
         ([("torque_limit", "wrist", (3,))], {"kp", "torque_limit of elbow beyond 1 N·m", "motor_strength of robot"}),
     ],
-)  # fmt: skip
+)
 def test_what_the_verdict_speaks_of_has_shown_in_the_log(
     shown: list[tuple[str, str, tuple[int, ...]]], left: set[str]
 ) -> None:
@@ -85,8 +98,12 @@ def test_what_the_verdict_speaks_of_has_shown_in_the_log(
     now = SimpleNamespace(covariance=np.eye(4), precision=np.eye(4))
     log = SimpleNamespace(runs=[], kp=np.ones(2), tau_is="none")
     model = SimpleNamespace(
-        free=False, legged=False, devices=(), asked=np.ones(2), limited=np.zeros(2, dtype=bool),
-    )  # fmt: skip
+        free=False,
+        legged=False,
+        devices=(),
+        asked=np.ones(2),
+        limited=np.zeros(2, dtype=bool),
+    )
     named = [Direction(cause=cause, where=where, members=members) for cause, where, members in shown]
     found = cannot_know(SimpleNamespace(sigma={}), p, model, log, now, shown=named)
     speak = {text.partition(":")[0] for text in found if text.startswith(("kp", "torque_limit", "motor_strength"))}
@@ -97,9 +114,17 @@ def test_what_the_verdict_speaks_of_has_shown_in_the_log(
 def test_a_coil_that_was_asked_for_no_current_shows_nothing(amps: list[float], known: bool) -> None:
     """Measured noise that dies away with a coil's lag looks like information about it."""
     p = Parameter(
-        cause="coil_lag", where="calf", name="time_constant", unit="s", field="coil_lag", index=0, step=0.004,
-        spread=0.001, least=0.003, fault=0.02,
-    )  # fmt: skip
+        cause="coil_lag",
+        where="calf",
+        name="time_constant",
+        unit="s",
+        field="coil_lag",
+        index=0,
+        step=0.004,
+        spread=0.001,
+        least=0.003,
+        fault=0.02,
+    )
     now = SimpleNamespace(covariance=np.array([[1e-8]]), precision=np.array([[1e6]]))
     run = SimpleNamespace(joint={"current_cmd": np.array(amps)[:, None]})
     log = SimpleNamespace(runs=[run], kp=np.ones(1), tau_is="estimate")
@@ -118,9 +143,18 @@ def test_a_coil_that_was_asked_for_no_current_shows_nothing(amps: list[float], k
 def test_how_well_feet_hold_is_told_where_they_slip(monkeypatch: pytest.MonkeyPatch, slipped: bool) -> None:
     """Else a log shows only that the ground is not so slippery that they would: in the replay, below 0.3 for 0.8."""
     p = Parameter(
-        cause="ground_friction", where="robot", name="coefficient", unit="1", field="mu", index=0, step=-0.1,
-        spread=0.1, least=0.1, fault=0.4, nominal=0.8,
-    )  # fmt: skip
+        cause="ground_friction",
+        where="robot",
+        name="coefficient",
+        unit="1",
+        field="mu",
+        index=0,
+        step=-0.1,
+        spread=0.1,
+        least=0.1,
+        fault=0.4,
+        nominal=0.8,
+    )
     monkeypatch.setattr(unknowable, "foot_slipped", lambda model, log: slipped)
     monkeypatch.setattr(unknowable, "replayed", lambda e, m, g, p, x: (1e6 * max(0.3 - 0.8 * (1.0 + x[0]), 0.0), None))
     model, log = SimpleNamespace(free=True, devices=()), SimpleNamespace(runs=[], kp=np.ones(1), tau_is="estimate")

@@ -27,9 +27,22 @@ def test_friction_and_a_load_cost_power(tmp_path: Path) -> None:
     hidden = [sizes.get(p.cause, 0.0) * (p.cause != "coulomb_friction" or "calf" in p.where) for p in parameters]
     error = Error(rmse=1.0, nrmse=1.0, unit="1")
     d = RobotDiagnosis(
-        verdict="named", sentence="", causes=(), cannot_know=(), baseline=error, extended=error, gain={}, per_joint={},
-        session={}, parameters=tuple(parameters), theta=np.array(hidden), model=model, log=log, windows=(), seconds=0.0,
-    )  # fmt: skip
+        verdict="named",
+        sentence="",
+        causes=(),
+        cannot_know=(),
+        baseline=error,
+        extended=error,
+        gain={},
+        per_joint={},
+        session={},
+        parameters=tuple(parameters),
+        theta=np.array(hidden),
+        model=model,
+        log=log,
+        windows=(),
+        seconds=0.0,
+    )
     found = walk_change(d, DEFAULT_POLICY, trials=2, progress=lambda _: None)
     assert found is not None and [len(row) for row in found.rows()] == [len(HEAD)] * 2
     for old, new in zip(found.described, found.extended, strict=True):

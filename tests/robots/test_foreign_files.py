@@ -436,8 +436,15 @@ def test_the_matrix_of_a_joint_is_its_place(kind: str) -> None:
     frames = [RigidTransform.from_components(rng.normal(size=3), Rotation.random(rng=rng)) for _ in range(2)]
     axis = rng.normal(size=3)
     own = Joint(
-        name="a", kind=kind, parent=0, child=1, in_parent=frames[0], in_child=frames[1],
-        axis=axis / np.linalg.norm(axis), limits=None, armature=0.0,
-    )  # fmt: skip
+        name="a",
+        kind=kind,
+        parent=0,
+        child=1,
+        in_parent=frames[0],
+        in_child=frames[1],
+        axis=axis / np.linalg.norm(axis),
+        limits=None,
+        armature=0.0,
+    )
     for q in rng.uniform(-4.0, 4.0, 20):
         np.testing.assert_allclose(own.matrix(q), own.place(q).as_matrix(), atol=1e-12)

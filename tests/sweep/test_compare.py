@@ -21,8 +21,12 @@ def make_row(seed: int, current: str, **figures: float) -> TrialRow:
     return {**fixed, "attempts": 1, "wall_seconds": 2.0, "figures": figures}
 
 
-ROWS = [make_row(0, "0", a=1.0, b=5.0), make_row(1, "0", a=3.0, b=5.0), make_row(0, "1.5", a=7.0, b=5.0),
-        make_row(1, "1.5")]  # fmt: skip
+ROWS = [
+    make_row(0, "0", a=1.0, b=5.0),
+    make_row(1, "0", a=3.0, b=5.0),
+    make_row(0, "1.5", a=7.0, b=5.0),
+    make_row(1, "1.5"),
+]
 
 
 def test_figures_are_the_numbers_of_a_result(tmp_path: Path) -> None:

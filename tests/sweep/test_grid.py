@@ -16,8 +16,11 @@ def test_combinations_in_order() -> None:
     """Two options: all pairs, the last varying fastest, the fixed arguments in front of all."""
     trials = trials_of("train", ["seed=0,1", "actuator=none,bouc_wen"], ["--num-envs", "8"], cpus=2)
     assert [trial.folder.name for trial in trials] == [
-        "seed=0_actuator=none", "seed=0_actuator=bouc_wen", "seed=1_actuator=none", "seed=1_actuator=bouc_wen",
-    ]  # fmt: skip
+        "seed=0_actuator=none",
+        "seed=0_actuator=bouc_wen",
+        "seed=1_actuator=none",
+        "seed=1_actuator=bouc_wen",
+    ]
     assert trials[1].args == ["train", "--num-envs", "8", "--threads=2", "--seed=0", "--actuator=bouc_wen"]
     assert trials[1].values == {"seed": "0", "actuator": "bouc_wen"}
 

@@ -59,16 +59,20 @@ def test_six_trials_survive_a_killed_worker(
     killed = (tmp_path / "killed").read_text()
     found = result(tmp_path)
     assert found["states"] == {"done": 6} and len(found["trials"]) == 6
-    assert {t["name"]: t["attempts"] for t in found["trials"]} == {t["name"]: 1 + (t["name"] == killed)
-                                                                 for t in found["trials"]}  # fmt: skip
+    assert {t["name"]: t["attempts"] for t in found["trials"]} == {
+        t["name"]: 1 + (t["name"] == killed) for t in found["trials"]
+    }
     assert all(t["figures"]["iterations"] == 20 for t in found["trials"])
     log = (tmp_path / killed / "log.txt").read_text()
     assert log.count("starts at step") == 2 and log.count("starts at step 0") == 1
     said = capsys.readouterr().out
     assert f"{killed}: done after" in said and ", 2 starts\n" in said and "6 of 6 trials have a result" in said
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
-        "result.json", "trials.csv", "trials.png", "killed",
-    }  # fmt: skip
+        "result.json",
+        "trials.csv",
+        "trials.png",
+        "killed",
+    }
 
 
 @pytest.mark.usefixtures("fake")
@@ -110,8 +114,24 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, capsys: pytest
         assert main(["sweep", "--out", str(out), "--command", "train", "--grid", *grid]) == 2
         error = capsys.readouterr().err
         assert error.startswith("mrwarp sweep: ") and error.count("\n") == 1
-    assert main(["sweep", "--out", str(out), "--command", "train", "--grid", "seed=0", "--runner", "local",
-                     "--address", "auto"]) == 2  # fmt: skip
+    assert (
+        main(
+            [
+                "sweep",
+                "--out",
+                str(out),
+                "--command",
+                "train",
+                "--grid",
+                "seed=0",
+                "--runner",
+                "local",
+                "--address",
+                "auto",
+            ]
+        )
+        == 2
+    )
     assert not out.exists() or not any(out.iterdir())
 
 
@@ -151,8 +171,10 @@ def test_ctrl_c_stops_the_workers_and_the_same_command_goes_on(
     assert run.exitcode == 130, errors
     assert "the same command goes on" in (tmp_path / "said").read_text() and "Traceback" not in errors
     assert [status_in(tmp_path / f"seed={k}").state for k in (0, 1, 2)] == [
-        "stopped", "stopped", "waiting",
-    ]  # fmt: skip
+        "stopped",
+        "stopped",
+        "waiting",
+    ]
     for pid in pids:
         assert pid is not None
         with pytest.raises(ProcessLookupError):

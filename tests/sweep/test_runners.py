@@ -36,9 +36,13 @@ def test_a_killed_trial_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("fake")
 @pytest.mark.parametrize(
     ("seed", "retries", "state", "attempts", "why"),
-    [(90, 1, "failed", 1, "exit code 2"), (91, 1, "failed", 2, "exit code 1 without a result.json"),
-     (92, 0, "failed", 1, "killed by SIGKILL"), (93, 1, "missed", 1, "missed its aim (exit code 1)")],
-)  # fmt: skip
+    [
+        (90, 1, "failed", 1, "exit code 2"),
+        (91, 1, "failed", 2, "exit code 1 without a result.json"),
+        (92, 0, "failed", 1, "killed by SIGKILL"),
+        (93, 1, "missed", 1, "missed its aim (exit code 1)"),
+    ],
+)
 def test_how_a_trial_ends(tmp_path: Path, seed: int, retries: int, state: str, attempts: int, why: str) -> None:
     """Bad input is not tried again, a crash is, a missed aim is a result; a failure keeps the last lines."""
     trial = make_trial(tmp_path, seed)

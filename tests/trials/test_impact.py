@@ -136,11 +136,22 @@ def test_figures_of_a_made_up_trace() -> None:
     height = 0.33 - dip[..., None] * np.sin(np.pi * t / 0.2)
     legs = np.zeros((2, 2, 40, 4))
     trace = ImpactTrace(
-        t=t, height=height, velocity=-5.0 * dip[..., None] * np.ones(40), tau_motor=legs + 3.0, tau_mr=legs,
-        current=legs, m_dyn=legs, m_hold=legs, f_foot=legs, q=legs, qd=legs, qpos=np.zeros((2, 40, 19)),
-        ledger=np.zeros((2, 2, 7)), fell=np.zeros((2, 2), dtype=bool),
+        t=t,
+        height=height,
+        velocity=-5.0 * dip[..., None] * np.ones(40),
+        tau_motor=legs + 3.0,
+        tau_mr=legs,
+        current=legs,
+        m_dyn=legs,
+        m_hold=legs,
+        f_foot=legs,
+        q=legs,
+        qd=legs,
+        qpos=np.zeros((2, 40, 19)),
+        ledger=np.zeros((2, 2, 7)),
+        fell=np.zeros((2, 2), dtype=bool),
         contact=np.zeros((2, 2)),
-    )  # fmt: skip
+    )
     found = figures(trace, (0.0, 1.5))
     first, last = found["by_current"]
     assert first["min_height"]["mean"] == pytest.approx(0.33 - 0.11)
@@ -153,9 +164,11 @@ def test_figures_of_a_made_up_trace() -> None:
 def test_each_setting_may_have_its_own_duration_gains_and_phase(policy: OnnxPolicy) -> None:
     """A setting that pushes for 0.1 s gives the bits of a sweep that does; the clock at onset is the one asked for."""
     both = make_cfg(
-        variants=(Variant(current=0.0, duration=0.1), Variant(current=0.0)), duration=0.3, phases=(0.0, 0.5),
+        variants=(Variant(current=0.0, duration=0.1), Variant(current=0.0)),
+        duration=0.3,
+        phases=(0.0, 0.5),
         gains=(25.0, 0.5),
-    )  # fmt: skip
+    )
     sweep = ImpactSweep(both, policy)
     trace = sweep.run()
     # random poses depend on the size of the batch: the other sweep has as many settings

@@ -23,8 +23,14 @@ def test_browser_shows_the_impact(tmp_path: Path) -> None:
     page = free_port()
     viewer = Viewer("--serve-web", "--web-viewer-port", str(page), str(rrd))
     options = webdriver.ChromeOptions()
-    for option in ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-                   "--ignore-gpu-blocklist", "--window-size=1600,900"):  # fmt: skip
+    for option in (
+        "--headless=new",
+        "--no-sandbox",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--ignore-gpu-blocklist",
+        "--window-size=1600,900",
+    ):
         options.add_argument(option)
     browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
     try:

@@ -21,15 +21,21 @@ from mrwarp.trials.walk_trials import WalkCfg
 def phase(square: float, seconds: float, *, seeds: int = 2, coil: float = 0.0) -> PhaseLoad:
     """A phase in which all joints do the same."""
     joints = JointLoad(
-        torque_square=np.full((seeds, 12), square), speed=np.zeros((seeds, 12)), work_out=np.zeros((seeds, 12)),
-        work_in=np.zeros((seeds, 12)), coil=np.full((seeds, 4), coil), friction=np.zeros((seeds, 4)),
-    )  # fmt: skip
+        torque_square=np.full((seeds, 12), square),
+        speed=np.zeros((seeds, 12)),
+        work_out=np.zeros((seeds, 12)),
+        work_in=np.zeros((seeds, 12)),
+        coil=np.full((seeds, 4), coil),
+        friction=np.zeros((seeds, 4)),
+    )
     return PhaseLoad(joints=joints, seconds=np.full(seeds, seconds), speed=np.full(seeds, 0.3))
 
 
 PHASE_USES = {
-    "outbound": phase(20.0, 500.0, coil=1.0), "standby": phase(9.0, 600.0, seeds=1), "return": phase(25.0, 500.0)
-}  # fmt: skip
+    "outbound": phase(20.0, 500.0, coil=1.0),
+    "standby": phase(9.0, 600.0, seeds=1),
+    "return": phase(25.0, 500.0),
+}
 NUMBERS = (ElectricalCfg(winding_resistance=0.128), ThermalCfg(), BatteryCfg())  # a public motor
 
 
@@ -83,8 +89,17 @@ def test_a_repetition_counts_if_it_finished_both_ways(monkeypatch: pytest.Monkey
             PHASE_USES["outbound"].joints, torque_square=np.full((2, 12), 1.0) * (10.0 * load + trial[:, None])
         )
         fell, late = (1, 0) if load < 3.0 else (0, 1)
-        return [SimpleNamespace(robot="go1", joints=joints, speed=0.1 * (1 + trial), trial=trial, fell=fell, late=late,
-                                paper_device=True)]  # fmt: skip
+        return [
+            SimpleNamespace(
+                robot="go1",
+                joints=joints,
+                speed=0.1 * (1 + trial),
+                trial=trial,
+                fell=fell,
+                late=late,
+                paper_device=True,
+            )
+        ]
 
     monkeypatch.setattr(mission, "walk", walk)
     monkeypatch.setattr(mission, "standing_load", lambda *_, **__: PHASE_USES["standby"].joints)

@@ -17,9 +17,13 @@ from mrwarp.trials import thermal_mission
 from mrwarp.trials.mission import MissionCfg
 
 LOAD = JointLoad(
-    torque_square=np.zeros(12), speed=np.zeros(12), work_out=np.zeros(12), work_in=np.zeros(12),
-    coil=np.full(4, 1.5), friction=np.full(4, 0.5),
-)  # fmt: skip
+    torque_square=np.zeros(12),
+    speed=np.zeros(12),
+    work_out=np.zeros(12),
+    work_in=np.zeros(12),
+    coil=np.full(4, 1.5),
+    friction=np.full(4, 0.5),
+)
 
 
 @pytest.fixture
@@ -69,8 +73,14 @@ def test_a_hold_slips_where_a_still_joint_moves_under_more_than_the_device_bears
               "K": torch.full((1, 3), 0.513), "n": torch.full((1, 3), 2.88), "kp_base": torch.full((1, 3), 35.0),
               "kp_low": torch.full((1, 3), 5.0)}  # fmt: skip
     actuator = SimpleNamespace(mr_joints=(0, 1, 2), param=lambda name: name, m_hold="m_hold", current="current")
-    env: Any = SimpleNamespace(actuator=actuator, view=values.__getitem__, qd=torch.zeros(1, 3), substep_hooks=[],
-                               q_des=torch.full((1, 3), 0.5), q=torch.zeros(1, 3))  # fmt: skip
+    env: Any = SimpleNamespace(
+        actuator=actuator,
+        view=values.__getitem__,
+        qd=torch.zeros(1, 3),
+        substep_hooks=[],
+        q_des=torch.full((1, 3), 0.5),
+        q=torch.zeros(1, 3),
+    )
     values["m_hold"] *= 0.0
     meter = thermal_mission.HoldMeter(env)
     speeds = [(0.0, 0.0, 0.0), (0.1, 0.15, 0.1), (0.001, 0.1, 0.001), (0.001, 0.1, 0.0), (0.3, 0.3, 0.3), (0.3,) * 3]

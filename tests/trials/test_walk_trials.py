@@ -192,7 +192,7 @@ def test_bad_input_ends_with_2(
         (b'{"electrical": {"regeneration": [[[]]]}}', "is not a number"),
         (b"[]", "one object per group"),
     ],
-)  # fmt: skip
+)
 def test_unusable_numbers_end_with_2(
     command: str, content: bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

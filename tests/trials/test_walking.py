@@ -153,8 +153,11 @@ def test_gate_fails_a_robot_that_stands(standing: tuple[GateCheck, dict[str, Any
         assert found["v_x_bias"][f"{speed:g}"] == pytest.approx(-speed, abs=0.03)
     mixed = (0.5 * (0.3**2 + 0.5**2)) ** 0.5
     assert {name: pytest.approx(value, abs=0.03) for name, value in found["v_x_rmse_by_current"].items()} == {
-        "0": mixed, "0.5": mixed, "1": mixed, "1.5": mixed,
-    }  # fmt: skip
+        "0": mixed,
+        "0.5": mixed,
+        "1": mixed,
+        "1.5": mixed,
+    }
     assert found["clock_match"] == pytest.approx(0.5, abs=0.02)  # four feet down, two wanted
     assert found["work_mr"] < 0.0 and found["injected"] <= 1e-6 * abs(found["work_mr"])  # devices only dissipate
     assert found["unsolved_steps"] <= 1e-3 * 8 * 175 * 4  # a few solves of a resting contact stop at the iteration cap

@@ -271,7 +271,7 @@ def test_load_robot_refuses_mr_values(tmp_path, change, words):
         (("targets = </mr_go/joints/RR_calf>", "targets = </mr_go/joints/FL_hip>"), "RR_calf", ["already", "FL_hip"]),
         (("targets = </mr_go/joints/RR_calf>", "targets = </mr_go/trunk>"), "RR_calf", ["not one joint", "allowed:"]),
     ],
-)  # fmt: skip
+)
 def test_load_robot_refuses_actuators(tmp_path, change, prim, words):
     """A PD motor with a bad number, a missing actuator or a wrong target is refused with prim path and remedy."""
     with pytest.raises(AssetError) as error:
@@ -330,9 +330,9 @@ def test_load_robot_refuses_files_and_variants(tmp_path):
     [
         "prepend references = @../outside.usda@",
         "prepend payload = @https://example.com/robot.usda@",
-        'clips = {dictionary default = {asset manifestAssetPath = @../outside.usda@}}',
+        "clips = {dictionary default = {asset manifestAssetPath = @../outside.usda@}}",
     ],
-)  # fmt: skip
+)
 def test_load_robot_refuses_external(tmp_path, new):
     """References, payloads and clips that leave the folder are refused."""
     folder = tmp_path / "inner"

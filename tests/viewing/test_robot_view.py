@@ -99,8 +99,12 @@ def test_shapes_are_logged_once(walk: Any, recording: Path, read_rrd: Any) -> No
     """Each shape is static below its body, with the model's size; a capsule's length excludes its caps."""
     recorded, scene = read_rrd(recording), walk.env.sim.scene
     names = body_names(scene)
-    size = {mjtGeom.mjGEOM_BOX: "Boxes3D:half_sizes", mjtGeom.mjGEOM_SPHERE: "Ellipsoids3D:half_sizes",
-            mjtGeom.mjGEOM_CAPSULE: "Capsules3D:lengths", mjtGeom.mjGEOM_CYLINDER: "Cylinders3D:lengths"}  # fmt: skip
+    size = {
+        mjtGeom.mjGEOM_BOX: "Boxes3D:half_sizes",
+        mjtGeom.mjGEOM_SPHERE: "Ellipsoids3D:half_sizes",
+        mjtGeom.mjGEOM_CAPSULE: "Capsules3D:lengths",
+        mjtGeom.mjGEOM_CYLINDER: "Cylinders3D:lengths",
+    }
     for shape in robot_shapes(scene):
         entity = f"/robots/0_0A/body/{names[shape.body]}/{shape.name}"
         rows = [value for _, value in recorded.columns(entity, size[shape.kind], static=True)]
@@ -154,8 +158,13 @@ def test_blueprint_is_in_the_file(recording: Path, read_rrd: Any) -> None:
     assert titles.count("robots") == 1 and titles.count("gates") == 4
     for once in ("trunk height [m]", "forward velocity [m/s]"):
         assert titles.count(once) == 1
-    for each in ("MR torque [N·m]", "coil current [A]", "calf motor torque [N·m]", "foot force [N]",
-                 "work and coil loss [J]"):  # fmt: skip
+    for each in (
+        "MR torque [N·m]",
+        "coil current [A]",
+        "calf motor torque [N·m]",
+        "foot force [N]",
+        "work and coil loss [J]",
+    ):
         assert titles.count(each) == 4
     assert recorded.blueprint("TimePanelBlueprint:timeline") == [["sim_time"]]
     tracked = recorded.blueprint("EyeControls3D:tracking_entity")

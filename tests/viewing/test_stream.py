@@ -130,8 +130,13 @@ def test_connect_refuses_what_is_no_viewer() -> None:
     recording = rr.RecordingStream("test")
     with pytest.raises(ViewerError, match=r"no viewer listens there.*--rrd"):
         live_view.connect(recording, f"rerun+http://127.0.0.1:{free_port()}/proxy")
-    for url in ("http://127.0.0.1:9876/proxy", "rerun+http://127.0.0.1:9876", "rerun+http://:9876/proxy", "9876",
-                "rerun+http://127.0.0.1:99999/proxy"):  # fmt: skip
+    for url in (
+        "http://127.0.0.1:9876/proxy",
+        "rerun+http://127.0.0.1:9876",
+        "rerun+http://:9876/proxy",
+        "9876",
+        "rerun+http://127.0.0.1:99999/proxy",
+    ):
         with pytest.raises(ViewerError):
             live_view.connect(recording, url)
 

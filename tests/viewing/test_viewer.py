@@ -101,8 +101,14 @@ def test_browser_shows_the_robots(walk: Any, web: WebViewer, tmp_path: Path) -> 
     assert live_view.disconnect(recording, timeout=20.0)
 
     options = webdriver.ChromeOptions()
-    for option in ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-                   "--ignore-gpu-blocklist", "--window-size=1600,900"):  # fmt: skip
+    for option in (
+        "--headless=new",
+        "--no-sandbox",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--ignore-gpu-blocklist",
+        "--window-size=1600,900",
+    ):
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"performance": "ALL"})
     service = webdriver.ChromeService(shutil.which("chromedriver"))
@@ -118,8 +124,11 @@ def test_browser_shows_the_robots(walk: Any, web: WebViewer, tmp_path: Path) -> 
     finally:
         browser.quit()
     assert colors >= 1000  # the loading page has a few dozen
-    asked = {e["params"]["requestId"]: e["params"]["request"]["url"] for e in events
-             if e["method"] == "Network.requestWillBeSent"}  # fmt: skip
+    asked = {
+        e["params"]["requestId"]: e["params"]["request"]["url"]
+        for e in events
+        if e["method"] == "Network.requestWillBeSent"
+    }
     answered = {e["params"]["requestId"] for e in events if e["method"] == "Network.responseReceived"}
     hosts = {urlsplit(url).hostname for request, url in asked.items() if request in answered}
     assert hosts == {"127.0.0.1"}

@@ -60,10 +60,14 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
 def predicted_table(means: Mapping[str, Any]) -> Table:
     """Errors on recordings that took no part, see :func:`mrwarp.diagnose.held_out.summary`."""
     rows = [
-        (name or "all", text.percent(m["baseline"], 2), text.percent(m["extended"], 2),
-         f"{m['better']} of {m['trajectories']} trajectories")
+        (
+            name or "all",
+            text.percent(m["baseline"], 2),
+            text.percent(m["extended"], 2),
+            f"{m['better']} of {m['trajectories']} trajectories",
+        )
         for name, m in means.items()
-    ]  # fmt: skip
+    ]
     return Table(head=("Mean NRMSE", "Baseline", "With the extension", "Better in"), rows=rows)
 
 

@@ -11,9 +11,16 @@ from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
 
 @wp.func
 def arctangent_law(
-    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
-    memory: wp.array2d[float], line: int, slot: int,
-) -> float:  # fmt: skip
+    s: Path,
+    q_c: float,
+    h: float,
+    values: wp.array2d[float],
+    row: int,
+    at: int,
+    memory: wp.array2d[float],
+    line: int,
+    slot: int,
+) -> float:
     """Branches for speeding up and slowing down; the acceleration's sign is that of the last change of velocity."""
     change = s.qd - memory[line, slot]
     if s.begins == 1:
@@ -40,8 +47,13 @@ LAW = hysteresis_law(
     rate("slope", "s/rad", -1, (1.0, 3.0, 10.0, 30.0), "qd"),
     EffectParameter(name="speed", unit="rad/s", scale=(1, 0, 0), low=lambda r: -r.qd, high=lambda r: r.qd),
     EffectParameter(
-        name="rounding", unit="rad/s²", scale=(1, 0, 0), negative=False, optional=True,
-        low=lambda r: 0.0, high=lambda r: 3.0 * r.qd**2 / r.q,
+        name="rounding",
+        unit="rad/s²",
+        scale=(1, 0, 0),
+        negative=False,
+        optional=True,
+        low=lambda r: 0.0,
+        high=lambda r: 3.0 * r.qd**2 / r.q,
     ),
     states=2,
-)  # fmt: skip
+)

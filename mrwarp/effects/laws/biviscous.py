@@ -8,9 +8,16 @@ from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
 
 @wp.func
 def biviscous_law(
-    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
-    memory: wp.array2d[float], line: int, slot: int,
-) -> float:  # fmt: skip
+    s: Path,
+    q_c: float,
+    h: float,
+    values: wp.array2d[float],
+    row: int,
+    at: int,
+    memory: wp.array2d[float],
+    line: int,
+    slot: int,
+) -> float:
     """A steep line through zero speed between two flat ones."""
     return wp.clamp(s.qd / values[row, at], -1.0, 1.0)
 

@@ -38,9 +38,16 @@ def bouc_wen_power_path(h: float, way: float, share: float, n: float) -> float:
 
 @wp.func
 def bouc_wen_power_law(
-    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
-    memory: wp.array2d[float], line: int, slot: int,
-) -> float:  # fmt: skip
+    s: Path,
+    q_c: float,
+    h: float,
+    values: wp.array2d[float],
+    row: int,
+    at: int,
+    memory: wp.array2d[float],
+    line: int,
+    slot: int,
+) -> float:
     """A large exponent yields at once, a small one gently."""
     rate, share, n = values[row, at], 0.5 + values[row, at + 1], 1.0 + values[row, at + 2]
     h = bouc_wen_power_path(h, rate * s.path_1, share, n)

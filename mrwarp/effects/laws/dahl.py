@@ -15,9 +15,16 @@ def dahl_path(h: float, path: float, rate: float) -> float:
 
 @wp.func
 def dahl_law(
-    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
-    memory: wp.array2d[float], line: int, slot: int,
-) -> float:  # fmt: skip
+    s: Path,
+    q_c: float,
+    h: float,
+    values: wp.array2d[float],
+    row: int,
+    at: int,
+    memory: wp.array2d[float],
+    line: int,
+    slot: int,
+) -> float:
     """The stress nears its end exponentially over the path."""
     return dahl_path(dahl_path(h, s.path_1, values[row, at]), s.path_2, values[row, at])
 

@@ -42,8 +42,16 @@ def rate(name: str, unit: str, power: int, decades: tuple[float, ...], doc_scale
     )
 
 
-def hysteresis_law(name: str, title: str, equation: str, source: str, law: Any, *parameters: EffectParameter,
-                   states: int = 0, depends_on: tuple[str, ...] = ("qd", "memory")) -> EffectLaw:  # fmt: skip
+def hysteresis_law(
+    name: str,
+    title: str,
+    equation: str,
+    source: str,
+    law: Any,
+    *parameters: EffectParameter,
+    states: int = 0,
+    depends_on: tuple[str, ...] = ("qd", "memory"),
+) -> EffectLaw:
     """A law as an entry next to the effects."""
     return EffectLaw(
         name=name,

@@ -11,9 +11,16 @@ from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
 
 @wp.func
 def kwok_law(
-    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
-    memory: wp.array2d[float], line: int, slot: int,
-) -> float:  # fmt: skip
+    s: Path,
+    q_c: float,
+    h: float,
+    values: wp.array2d[float],
+    row: int,
+    at: int,
+    memory: wp.array2d[float],
+    line: int,
+    slot: int,
+) -> float:
     """A function of velocity whose branches are separated by the side of the displacement."""
     side, rounding = float(wp.sign(q_c)), values[row, at + 2]
     if rounding > 0.0:
@@ -31,8 +38,13 @@ LAW = hysteresis_law(
     rate("slope", "s/rad", -1, (0.7, 2.0, 6.0, 18.0), "qd"),
     EffectParameter(name="width", unit="1", low=lambda r: -3.0, high=lambda r: 3.0),
     EffectParameter(
-        name="rounding", unit="rad", scale=(1, 0, 0), negative=False, optional=True,
-        low=lambda r: 0.0, high=lambda r: 0.5 * r.q,
+        name="rounding",
+        unit="rad",
+        scale=(1, 0, 0),
+        negative=False,
+        optional=True,
+        low=lambda r: 0.0,
+        high=lambda r: 0.5 * r.q,
     ),
     depends_on=("qd", "side"),
-)  # fmt: skip
+)

@@ -8,9 +8,16 @@ from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
 
 @wp.func
 def lugre_law(
-    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
-    memory: wp.array2d[float], line: int, slot: int,
-) -> float:  # fmt: skip
+    s: Path,
+    q_c: float,
+    h: float,
+    values: wp.array2d[float],
+    row: int,
+    at: int,
+    memory: wp.array2d[float],
+    line: int,
+    slot: int,
+) -> float:
     """With ``g = 1 + stribeck*exp(-(qd/stribeck_speed)^2)``; the bend is exact over each path at the newest speed.
 
     Bristles that damp bear many times their sliding torque while they bend fast; for a large damping the law is not
@@ -51,6 +58,6 @@ LAW = hysteresis_law(
         negative=False,
         divides=True,
         preset=lambda r: 0.1 * r.qd,
-    ),  # fmt: skip
+    ),
     states=1,
 )

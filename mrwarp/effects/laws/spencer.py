@@ -15,9 +15,16 @@ PARTS = wp.constant(4)
 
 @wp.func
 def spencer_law(
-    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
-    memory: wp.array2d[float], line: int, slot: int,
-) -> float:  # fmt: skip
+    s: Path,
+    q_c: float,
+    h: float,
+    values: wp.array2d[float],
+    row: int,
+    at: int,
+    memory: wp.array2d[float],
+    line: int,
+    slot: int,
+) -> float:
     """Linearly implicit parts of a step: stable however stiff; states z and w = q - y."""
     rate, share = values[row, at], float(1.0 / (1.0 + values[row, at + 4] * wp.abs(s.field)))
     series, inner, spring = share * values[row, at + 1], share * values[row, at + 2], share * values[row, at + 3]
@@ -53,19 +60,40 @@ LAW = hysteresis_law(
     spencer_law,
     rate("rate", "1/rad", -1, (3.0, 30.0, 300.0), "q"),
     EffectParameter(
-        name="series", unit="s/rad", scale=(-1, 0, 0), negative=False, divides=True,
-        low=lambda r: 0.05 / r.qd, high=lambda r: 1e3 / r.qd, starts=lambda r: (1.0 / r.qd, 6.0 / r.qd, 40.0 / r.qd),
+        name="series",
+        unit="s/rad",
+        scale=(-1, 0, 0),
+        negative=False,
+        divides=True,
+        low=lambda r: 0.05 / r.qd,
+        high=lambda r: 1e3 / r.qd,
+        starts=lambda r: (1.0 / r.qd, 6.0 / r.qd, 40.0 / r.qd),
     ),
     EffectParameter(
-        name="inner", unit="s/rad", scale=(-1, 0, 0), negative=False, low=lambda r: 0.0, high=lambda r: 10.0 / r.qd,
+        name="inner",
+        unit="s/rad",
+        scale=(-1, 0, 0),
+        negative=False,
+        low=lambda r: 0.0,
+        high=lambda r: 10.0 / r.qd,
     ),
     EffectParameter(
-        name="spring", unit="1/rad", scale=(-1, 0, 0), negative=False, low=lambda r: 0.0, high=lambda r: 100.0 / r.q,
+        name="spring",
+        unit="1/rad",
+        scale=(-1, 0, 0),
+        negative=False,
+        low=lambda r: 0.0,
+        high=lambda r: 100.0 / r.q,
     ),
     EffectParameter(
-        name="fading", unit="1/A", scale=(0, -1, 0), negative=False, optional=True,
-        low=lambda r: 0.0, high=lambda r: 30.0 / r.current,
+        name="fading",
+        unit="1/A",
+        scale=(0, -1, 0),
+        negative=False,
+        optional=True,
+        low=lambda r: 0.0,
+        high=lambda r: 30.0 / r.current,
     ),
     EffectParameter(name="unloading", unit="1", optional=True, low=lambda r: -0.5, high=lambda r: 5.0),
     states=2,
-)  # fmt: skip
+)

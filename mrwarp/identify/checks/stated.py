@@ -33,8 +33,9 @@ def stated_numbers(recording: Recording, given: Mapping[str, float | None] | Non
         option = "--" + name.replace("_", "-")
         value, source = (given or {}).get(name), f"given as {option}"
         if value is not None and name == "coil_resistance" and control != "A":
-            raise ValueError(f"{option} {value:g}: the recording's control input is in {control!r}, no current in A; "
-                             "leave it out")  # fmt: skip
+            raise ValueError(
+                f"{option} {value:g}: the recording's control input is in {control!r}, no current in A; leave it out"
+            )
         if value is None and name in recording.header and (name != "coil_resistance" or control == "A"):
             value, source = recording.header[name], "the recording's header"
             number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

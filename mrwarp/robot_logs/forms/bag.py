@@ -234,10 +234,13 @@ def _in_order(path: Path, topic: str, message: Any, known: list[str], values: di
 
 
 def _joined(
-    path: Path, m: dict[str, Any], role: Mapping[str, str],
+    path: Path,
+    m: dict[str, Any],
+    role: Mapping[str, str],
     series: Mapping[str, tuple[np.ndarray, dict[str, np.ndarray]]],
-    names: Mapping[str, list[str]], topics: Mapping[str, str],
-) -> RobotLog:  # fmt: skip
+    names: Mapping[str, list[str]],
+    topics: Mapping[str, str],
+) -> RobotLog:
     """One recording on the state's stamps, from the first command on."""
     t, state = series[role["state"]]
     if len(t) < MIN_SAMPLES:
@@ -280,11 +283,13 @@ def _joined(
     keep = slice(first, None)
     factor = factors(f"{path}: the map or --units", m.get("units") or {})
     run = LogRun(
-        id=path.stem or path.name, t=t[keep] - t[first],
+        id=path.stem or path.name,
+        t=t[keep] - t[first],
         joint={c: factor.get(c, 1.0) * x[keep] for c, x in joint.items()},
-        base={c: x[keep] for c, x in base.items()}, feet={f: x[keep] for f, x in feet.items()},
+        base={c: x[keep] for c, x in base.items()},
+        feet={f: x[keep] for f, x in feet.items()},
         battery=state["battery"][keep] if "battery" in state else None,
-    )  # fmt: skip
+    )
     run = check_run(
         run, joints, lambda text, column: LogError(f"{path}, {column!r}: {text.replace('log.json', 'the map')}")
     )

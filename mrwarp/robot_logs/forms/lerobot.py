@@ -36,8 +36,10 @@ CHANNELS = {
 """Channel of a robot's log, by feature and kind of number. An action is computed from its row's state."""
 
 FURTHER = {
-    "observation.velocity": "qd", "observation.effort": "tau", "observation.torque": "tau",
-}  # fmt: skip
+    "observation.velocity": "qd",
+    "observation.effort": "tau",
+    "observation.torque": "tau",
+}
 """Features of their own that hold one number for each angle of the state."""
 
 INDEX = ("timestamp", "episode_index", "frame_index")
@@ -72,9 +74,12 @@ def read_lerobot(path: Path, m: Mapping[str, Any], *, skip_bad: bool = False) ->
         "cannot be used without that calibration"
     )
     return log_of(
-        path, m, Source(names=names, units=_units(features), question=question, notes=notes), recordings,
+        path,
+        m,
+        Source(names=names, units=_units(features), question=question, notes=notes),
+        recordings,
         skip_bad=skip_bad,
-    )  # fmt: skip
+    )
 
 
 def _info(file: Path) -> dict[str, Any]:
@@ -205,4 +210,4 @@ def _grippers(names: Sequence[str], m: Mapping[str, Any]) -> list[str]:
         f"{name} is taken as an angle: LeRobot's arms log grippers as 0 to 100 of their range even where other joints "
         "are degrees; if this one is such, leave it out by joints of the map"
         for name in own
-    ]  # fmt: skip
+    ]

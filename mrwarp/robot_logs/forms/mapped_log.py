@@ -23,15 +23,27 @@ from mrwarp.robot_logs.robot_log import (
     check_run,
     factors,
     make_log,
-)  # fmt: skip
+)
 from mrwarp.run_dir import no_file, one_line
 
 MAP_FILE = "map.json"
 """A map next to a log, which is read with it."""
 
 MAP_KEYS = (
-    "robot", "base", "state", "command", "imu", "pose", "joints", "feet", "kp", "kd", "tau_is", "clock", "units"
-)  # fmt: skip
+    "robot",
+    "base",
+    "state",
+    "command",
+    "imu",
+    "pose",
+    "joints",
+    "feet",
+    "kp",
+    "kd",
+    "tau_is",
+    "clock",
+    "units",
+)
 """Keys of a map; anything else goes into log.json as it is, if it begins with ``x_``."""
 
 NORMALISED = ("range_m100_100", "range_0_100", "normalised", "normalized", "percent", "%")
@@ -137,7 +149,7 @@ class Source:
 
 def log_of(
     path: Path, m: Mapping[str, Any], source: Source, recordings: Sequence[Columns], *, skip_bad: bool = False
-) -> RobotLog:  # fmt: skip
+) -> RobotLog:
     """Columns as a log, by a map.
 
     Args:

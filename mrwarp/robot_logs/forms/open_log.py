@@ -15,7 +15,7 @@ from mrwarp.robot_logs.robot_log import LogError, RobotLog, load_log
 
 def open_log(
     path: Path, *, skip_bad: bool = False, map_file: Path | None = None, units: Mapping[str, str] | None = None
-) -> RobotLog:  # fmt: skip
+) -> RobotLog:
     """Read a log: a folder with ``log.json``, a bag, or files of another project.
 
     Args:

@@ -104,9 +104,13 @@ def _width(recordings: Sequence[Columns]) -> int:
 
 
 def _named(
-    path: Path, m: Mapping[str, Any], names: Sequence[str] | None, recordings: Sequence[Columns], order: str,
+    path: Path,
+    m: Mapping[str, Any],
+    names: Sequence[str] | None,
+    recordings: Sequence[Columns],
+    order: str,
     skip_bad: bool,
-) -> RobotLog:  # fmt: skip
+) -> RobotLog:
     """A log whose columns the files or a map's list name."""
     width, given = _width(recordings), m.get("joints")
     if names is None and not (isinstance(given, list) and len(given) == width):

@@ -27,16 +27,30 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walke
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     page = environment.get_template("log_page.html.jinja").render(
-        source=d.log.path.name, heading=heading(d.log.path.name), answers=_answers(d),
-        sentence=d.sentence, causes=[_cause(c) for c in d.causes], facts=_facts(d),
-        suspects=[(s.name.replace("_", " "), s.reason) for s in d.suspects], unexplained=d.unexplained,
-        gain=_gain(d), joints=_joints(d), channels=_channels(d), experiment=d.next_experiment,
-        cannot_know=[_parted(x) for x in d.cannot_know], session=_session(d),
+        source=d.log.path.name,
+        heading=heading(d.log.path.name),
+        answers=_answers(d),
+        sentence=d.sentence,
+        causes=[_cause(c) for c in d.causes],
+        facts=_facts(d),
+        suspects=[(s.name.replace("_", " "), s.reason) for s in d.suspects],
+        unexplained=d.unexplained,
+        gain=_gain(d),
+        joints=_joints(d),
+        channels=_channels(d),
+        experiment=d.next_experiment,
+        cannot_know=[_parted(x) for x in d.cannot_know],
+        session=_session(d),
         detectable=[_detectable(name, v) for name, v in d.detectable.items()],
-        data=_data(d), notes=d.notes, walked=walked, walk_head=HEAD, command=command, seconds=f"{d.seconds:.0f}",
+        data=_data(d),
+        notes=d.notes,
+        walked=walked,
+        walk_head=HEAD,
+        command=command,
+        seconds=f"{d.seconds:.0f}",
         versions=", ".join(f"{name} {number}" for name, number in versions().items()),
         pictures={name: base64.b64encode(data).decode() for name, data in pictures.items()},
-    )  # fmt: skip
+    )
     return page.encode("utf-8", "replace").decode("utf-8")
 
 

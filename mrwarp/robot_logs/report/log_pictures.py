@@ -41,9 +41,7 @@ def draw(d: RobotDiagnosis, compared: list[Compared]) -> tuple[dict[str, bytes],
 
 def accused(d: RobotDiagnosis) -> list[int]:
     """Joints that the verdict speaks of, else the one with the largest error."""
-    found = [
-        j for j, joint in enumerate(d.model.joints) if any(_touches(c.where, joint) for c in d.causes)
-    ]  # fmt: skip
+    found = [j for j, joint in enumerate(d.model.joints) if any(_touches(c.where, joint) for c in d.causes)]
     errors = [d.per_joint[joint]["baseline"] for joint in d.model.joints]
     return found or [int(np.argmax(errors))]
 

@@ -90,15 +90,23 @@ def walk_change(
             currents = [a.mr.coil.current_max for a in load_robot(robot=robot).actuators if a.mr is not None]
             progress(f"walking on the {name} robot")
             rows = walk_currents(
-                TaskCfg(robot=robot), walker, trials=trials, distance=DISTANCE * by.length, seed=seed,
-                currents=[min(currents, default=0.0)], speeds=[round(v * by.speed, 3) for v in SPEEDS], payload=0.0,
+                TaskCfg(robot=robot),
+                walker,
+                trials=trials,
+                distance=DISTANCE * by.length,
+                seed=seed,
+                currents=[min(currents, default=0.0)],
+                speeds=[round(v * by.speed, 3) for v in SPEEDS],
+                payload=0.0,
                 cfg=ElectricalCfg(),
-            )  # fmt: skip
-            found.append([
-                {n: row[n] for n in ("command", "fell", "late")}
-                | {n: row[n]["mean"] if row["trials"] else None for n in _MEANS}
-                for row in rows
-            ])  # fmt: skip
+            )
+            found.append(
+                [
+                    {n: row[n] for n in ("command", "fell", "late")}
+                    | {n: row[n]["mean"] if row["trials"] else None for n in _MEANS}
+                    for row in rows
+                ]
+            )
     return WalkChange(policy=str(policy), trials=trials, described=found[0], extended=found[1])
 
 

@@ -71,8 +71,12 @@ def sense(clean: Clean, shifts: Mapping[str, float], noise: float, rng: np.rando
 
 def group_of(name: str) -> str:
     """Group of a channel whose stamps can be shifted together."""
-    groups = {"joints": ("q", "qd", "tau", "current"), "imu": ("quat", "gyro", "acc"),
-              "commands": ("q_des", "kp", "kd", "current_cmd"), "feet": ("foot",)}  # fmt: skip
+    groups = {
+        "joints": ("q", "qd", "tau", "current"),
+        "imu": ("quat", "gyro", "acc"),
+        "commands": ("q_des", "kp", "kd", "current_cmd"),
+        "feet": ("foot",),
+    }
     return next((group for group, names in groups.items() if name in names), "")
 
 

@@ -172,9 +172,13 @@ class Swing:
 
 
 def make_motion(
-    name: str, d: Description, rng: np.random.Generator, seconds: float, policy: OnnxPolicy | None,
+    name: str,
+    d: Description,
+    rng: np.random.Generator,
+    seconds: float,
+    policy: OnnxPolicy | None,
     speeds: tuple[float, float] | None,
-) -> Motion:  # fmt: skip
+) -> Motion:
     """A motion of :data:`HELP`."""
     if name == "walk":
         assert policy is not None

@@ -123,9 +123,14 @@ def _policy(cfg: LogCfg, d: Description) -> OnnxPolicy | None:
 
 
 def _run(
-    robot: TrueRobot, cfg: LogCfg, name: str, seconds: float, policy: OnnxPolicy | None, rng: np.random.Generator,
+    robot: TrueRobot,
+    cfg: LogCfg,
+    name: str,
+    seconds: float,
+    policy: OnnxPolicy | None,
+    rng: np.random.Generator,
     progress: Callable[[float], None],
-) -> Clean | None:  # fmt: skip
+) -> Clean | None:
     """One motion, or None if the robot fell; the recording begins when it has settled."""
     d, dt = robot.description, 1.0 / cfg.rate
     robot.reset()
@@ -170,10 +175,13 @@ def _readings(robot: TrueRobot, t: float, noise: float, rng: np.random.Generator
         gyro = tilt.T @ robot.data.qvel[3:6] + _values(robot, "gyro_bias", 3)
     joints = len(robot.description.joints)
     return Readings(
-        t=t, q=robot.q + noise * 8e-5 * rng.standard_normal(joints),
+        t=t,
+        q=robot.q + noise * 8e-5 * rng.standard_normal(joints),
         qd=robot.speed + noise * 0.015 * rng.standard_normal(joints),
-        gyro=gyro + noise * 0.004 * rng.standard_normal(3), gravity=gravity, forces=robot.foot_forces(),
-    )  # fmt: skip
+        gyro=gyro + noise * 0.004 * rng.standard_normal(3),
+        gravity=gravity,
+        forces=robot.foot_forces(),
+    )
 
 
 def _values(robot: TrueRobot, cause: str, count: int) -> np.ndarray:
@@ -260,10 +268,13 @@ def _logged(cfg: LogCfg, d: Description, name: str, t: np.ndarray, channels: dic
         else {}
     )
     return LogRun(
-        id=name, t=t, joint={c: kept[c] for c in JOINT_CHANNELS if c in kept},
-        base={c: kept[c] for c in BASE_CHANNELS if c in kept}, feet=feet,
+        id=name,
+        t=t,
+        joint={c: kept[c] for c in JOINT_CHANNELS if c in kept},
+        base={c: kept[c] for c in BASE_CHANNELS if c in kept},
+        feet=feet,
         battery=None if "battery" in left_out else np.round(29.4 - 0.004 * t, 2),
-    )  # fmt: skip
+    )
 
 
 def _by(names: Sequence[str], values: np.ndarray) -> dict[str, float]:

@@ -97,8 +97,10 @@ def describe(robot: str) -> Description:
     if path.suffix in ROBOT_SUFFIXES or robot in ("mr_go", "go1"):
         return _described_usd(robot)
     if not path.is_file():
-        raise LogError(f"{path}: {no_file(path, 'robot')}; name mr_go, go1, a .usda file of 'mrwarp robot import', "
-                       "or the MJCF or URDF of an arm")  # fmt: skip
+        raise LogError(
+            f"{path}: {no_file(path, 'robot')}; name mr_go, go1, a .usda file of 'mrwarp robot import', "
+            "or the MJCF or URDF of an arm"
+        )
     try:
         with silent():
             spec = mujoco.MjSpec.from_file(str(path))
@@ -130,12 +132,19 @@ def _described_usd(robot: str) -> Description:
     trunk = next(floats, None) or _bearer(spec.joint(drives[0].joint)).name
     legs = [next((k for k, leg in enumerate(layout.legs) if a.joint in leg.joints), 0) for a in drives]
     return Description(
-        path=Path(robot), spec=spec, joints=tuple(a.joint for a in drives), kp=np.array([a.kp for a in drives]),
-        kd=np.array([a.kd for a in drives]), limit=np.array([a.tau_limit for a in drives]),
-        neutral=np.array([layout.neutral[a.joint] for a in drives]), trunk=trunk, feet=feet,
-        layout=layout if feet else None, scales=scales(scene) if feet else Scales(),
+        path=Path(robot),
+        spec=spec,
+        joints=tuple(a.joint for a in drives),
+        kp=np.array([a.kp for a in drives]),
+        kd=np.array([a.kd for a in drives]),
+        limit=np.array([a.tau_limit for a in drives]),
+        neutral=np.array([layout.neutral[a.joint] for a in drives]),
+        trunk=trunk,
+        feet=feet,
+        layout=layout if feet else None,
+        scales=scales(scene) if feet else Scales(),
         devices=tuple(Device(joint=j, leg=legs[j], params=a.mr) for j, a in enumerate(drives) if a.mr is not None),
-    )  # fmt: skip
+    )
 
 
 def _bearer(joint: mujoco.MjsJoint) -> mujoco.MjsBody:
@@ -156,8 +165,11 @@ def _described_arm(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> De
     kp, kd, limit, neutral = (np.zeros(len(hinge)) for _ in range(4))
     for k, j in enumerate(hinge):
         v, q = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
-        own = [a for a in range(model.nu) if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
-               and model.actuator_trnid[a, 0] == j]  # fmt: skip
+        own = [
+            a
+            for a in range(model.nu)
+            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[a, 0] == j
+        ]
         kp[k] = 60.0 * inertia[v]  # without a gain: a drive of some 8 rad/s, well damped
         kd[k], limit[k] = 2.0 * np.sqrt(kp[k] * inertia[v]), 0.6 * kp[k] + np.abs(data.qfrc_bias[v]) * 2.0
         for a in own:
@@ -173,9 +185,15 @@ def _described_arm(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> De
         low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.pi, np.pi)
         neutral[k] = float(np.clip(data.qpos[q], low + 0.2 * (high - low), high - 0.2 * (high - low)))
     return Description(
-        path=path, spec=spec, joints=tuple(model.joint(j).name for j in hinge), kp=kp, kd=kd, limit=limit,
-        neutral=neutral, trunk=model.body(int(model.body_parentid[model.jnt_bodyid[hinge[0]]])).name,
-    )  # fmt: skip
+        path=path,
+        spec=spec,
+        joints=tuple(model.joint(j).name for j in hinge),
+        kp=kp,
+        kd=kd,
+        limit=limit,
+        neutral=neutral,
+        trunk=model.body(int(model.body_parentid[model.jnt_bodyid[hinge[0]]])).name,
+    )
 
 
 @dataclass(kw_only=True)
@@ -223,9 +241,14 @@ class TrueRobot:
     """
 
     def __init__(
-        self, description: Description, hidden: list[Hidden], *, fixed: bool, rng: np.random.Generator,
+        self,
+        description: Description,
+        hidden: list[Hidden],
+        *,
+        fixed: bool,
+        rng: np.random.Generator,
         session: float = 0.004,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.description, self.fixed = description, fixed
         self.hidden = {h.cause: [x for x in hidden if x.cause == h.cause] for h in hidden}
         joints = len(description.joints)

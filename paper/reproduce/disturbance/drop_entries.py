@@ -67,8 +67,15 @@ def _plot_drop(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None
         for i, amps in enumerate(CURRENT_GROUPS):
             x = np.arange(len(LEGS)) + (i - 1.5) * width
             ours = [over_seeds(values[leg][i], seeds) for leg in LEGS]
-            axis.bar(x, [o["ours"] for o in ours], width, color=COLORS[i], label=f"{amps:g} A",
-                     yerr=[o["sd"] or 0.0 for o in ours], capsize=2)  # fmt: skip
+            axis.bar(
+                x,
+                [o["ours"] for o in ours],
+                width,
+                color=COLORS[i],
+                label=f"{amps:g} A",
+                yerr=[o["sd"] or 0.0 for o in ours],
+                capsize=2,
+            )
             for leg, theirs in paper.FIGURE_7.items():
                 if amps in theirs:
                     place = x[LEGS.index(leg)] + 0.25 * width

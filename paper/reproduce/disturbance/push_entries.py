@@ -113,8 +113,16 @@ def _plot_push(trace: dict[str, np.ndarray], job: Job) -> None:
     for k, (leg, axis) in enumerate(zip(LEGS, axes.flat, strict=True)):
         axis.plot(trace["t"], trace["tau_motor"][0, 0, :, k], color="0.5", label="0 A")
         axis.plot(trace["t"], trace["tau_motor"][LAST, 0, :, k], color="#1f6fb4", label="1.5 A")
-        axis.fill_between(trace["t"], 0, 1, where=trace["m_dyn"][LAST, 0, :, k] > 0.0, color="#e08a1e", alpha=0.2,
-                          linewidth=0, transform=axis.get_xaxis_transform())  # fmt: skip
+        axis.fill_between(
+            trace["t"],
+            0,
+            1,
+            where=trace["m_dyn"][LAST, 0, :, k] > 0.0,
+            color="#e08a1e",
+            alpha=0.2,
+            linewidth=0,
+            transform=axis.get_xaxis_transform(),
+        )
         axis.set_title(f"{leg} calf", fontsize=9)
     for axis in axes[1]:
         axis.set_xlabel("time after the push began [s]")

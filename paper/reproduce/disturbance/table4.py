@@ -164,7 +164,7 @@ def _zeros(found: Pushes) -> TextTable:
             "score",
             "height at 1.5 A [%]",
             "speed [%]",
-        ],  # fmt: skip
+        ],
         rows=[["paper, not stated", *theirs, "", *(_papers(cell, CURRENTS[-1:]) for cell in TITLES)], *rows],
         id="zero",
     )
@@ -204,7 +204,7 @@ def _readings(found: Pushes) -> TextTable:
             "speed [%]",
             "monotone",
             "fell",
-        ],  # fmt: skip
+        ],
         rows=rows,
         id="readings",
     )
@@ -232,7 +232,7 @@ def _knees() -> TextTable:
             "height at 0.5, 1, 1.5 A [%]",
             "speed [%]",
             "peak motor torque [%]",
-        ],  # fmt: skip
+        ],
         rows=rows,
         id="knees",
     )
@@ -273,8 +273,10 @@ def _bound(dropped: Drops) -> TextTable:
     rows = []
     for name, values in dropped.bound.items():
         for k, torque in enumerate(drop_trials.BOUND, start=1):
-            cells = [100.0 * (np.nanmean(values[q][k]) / np.nanmean(values[q][0]) - 1.0)
-                     for q in (*TITLES, "acceleration", "FR", "RL")]  # fmt: skip
+            cells = [
+                100.0 * (np.nanmean(values[q][k]) / np.nanmean(values[q][0]) - 1.0)
+                for q in (*TITLES, "acceleration", "FR", "RL")
+            ]
             rows.append([name, f"{torque:g}", *(f"{cell:+.1f}" for cell in cells)])
     theirs = [paper.IMPACT_CHANGE[cell]["drop"] for cell in TITLES]
     c, d = paper.TABLE_5["C"], paper.TABLE_5["D"]

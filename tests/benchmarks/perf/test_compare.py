@@ -48,11 +48,16 @@ def test_a_machine_twice_as_slow_is_no_regression(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "no json", "[]", "{}", '{"ratios": {}}', '{"ratios": {"a": 1.0}}', '{"ratios": {"a": {"median": 1.0}}}',
+        "no json",
+        "[]",
+        "{}",
+        '{"ratios": {}}',
+        '{"ratios": {"a": 1.0}}',
+        '{"ratios": {"a": {"median": 1.0}}}',
         '{"ratios": {"a": {"median": -1.0, "low": 1.0, "high": 1.0}}}',
         '{"ratios": {"a": {"median": true, "low": 1.0, "high": 1.0}}}',
     ],
-)  # fmt: skip
+)
 def test_a_file_that_is_no_result_is_refused(tmp_path: Path, text: str) -> None:
     """One line that names the file and what to give instead."""
     path = tmp_path / "other.json"

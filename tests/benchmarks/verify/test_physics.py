@@ -195,9 +195,15 @@ def test_physics_run_all(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("value", "limits", "holds"),
-    [(1.0, {"high": 1.0}, True), (1.1, {"high": 1.0}, False), (0.9, {"low": 1.0, "high": 2.0}, False),
-     (1.5, {"low": 1.0, "high": 2.0}, True), (float("nan"), {"high": 1.0}, False), (float("nan"), {"low": 1.0}, False)],
-)  # fmt: skip
+    [
+        (1.0, {"high": 1.0}, True),
+        (1.1, {"high": 1.0}, False),
+        (0.9, {"low": 1.0, "high": 2.0}, False),
+        (1.5, {"low": 1.0, "high": 2.0}, True),
+        (float("nan"), {"high": 1.0}, False),
+        (float("nan"), {"low": 1.0}, False),
+    ],
+)
 def test_physics_check_rows(value, limits, holds):
     """A row holds inside its closed limits; what is no number never does, and is written as a finite one."""
     row = check("name", value, "J", **limits)

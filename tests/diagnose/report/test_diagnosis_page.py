@@ -100,11 +100,15 @@ def test_a_name_that_utf8_cannot_write(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("value", "unit", "expected"),
     [
-        (0.0123, "s", "12.30 ms"), (0.0021, "rad", "2.100 mrad"), (1e-5, "1/s", "0.06 % per minute"),
-        (0.01, "m", "10.00 mm"), (3.2, "N·m", "3.20 N·m"), (0.004, "kg·m²", "40.0 kg·cm²"),
+        (0.0123, "s", "12.30 ms"),
+        (0.0021, "rad", "2.100 mrad"),
+        (1e-5, "1/s", "0.06 % per minute"),
+        (0.01, "m", "10.00 mm"),
+        (3.2, "N·m", "3.20 N·m"),
+        (0.004, "kg·m²", "40.0 kg·cm²"),
         (0.7, "unknown", "0.70 unknown"),
     ],
-)  # fmt: skip
+)
 def test_units_are_sensible(value: float, unit: str, expected: str) -> None:
     """As many digits as the interval carries, in the unit that an engineer would use."""
     half = abs(value) * 0.04

@@ -105,14 +105,25 @@ def test_a_robot_is_answered_as_briefly(count: int) -> None:
     """Place and size of its causes; angles in mrad, times in ms."""
     value = Value(value=0.04, ci95=(0.03, 0.05), unit="rad")
     causes = tuple(
-        NamedCause(name="encoder_offset", where=f"FR_{k}", parameters={"angle": value}, p_value=0.0, alternatives=(),
-                   gain=0.5, change={})
+        NamedCause(
+            name="encoder_offset",
+            where=f"FR_{k}",
+            parameters={"angle": value},
+            p_value=0.0,
+            alternatives=(),
+            gain=0.5,
+            change={},
+        )
         for k in range(count)
-    )  # fmt: skip
+    )
     d = SimpleNamespace(
-        verdict="named" if count else "none", causes=causes, unexplained=None, suspects=(), next_experiment=None,
+        verdict="named" if count else "none",
+        causes=causes,
+        unexplained=None,
+        suspects=(),
+        next_experiment=None,
         gain={"rmse_reduction": 0.5, "ci95": (0.4, 0.6)},
-    )  # fmt: skip
+    )
     found = log_page._answers(cast(Any, d))
     assert sum(len(f"{question} {answer}".split()) for question, answer in found) <= MOST_WORDS - 6
     assert [question for question, _ in found] == ["What is missing", "How big", "How sure", "What to do"]

@@ -146,9 +146,11 @@ def test_each_of_several_causes_is_shown_by_what_it_takes_away() -> None:
         parameters={"periods": Value(value=60.0, ci95=(59, 61), unit="1/rad")},
     )
     t = dataclasses.replace(
-        t, torque=t.torque + wave, extended=t.extended + wave,
+        t,
+        torque=t.torque + wave,
+        extended=t.extended + wave,
         without={"coil_lag": t.baseline + wave, "cogging": t.extended},
-    )  # fmt: skip
+    )
     figure = traces.evidence_picture(dataclasses.replace(d, causes=(*d.causes, cogging), traces=t))
     assert figure is not None
     lag, teeth = figure.axes[:2]

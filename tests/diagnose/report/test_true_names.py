@@ -16,9 +16,13 @@ from tests.diagnose.made_up import make
 
 @pytest.mark.parametrize(
     ("unit", "text"),
-    [("A", "viscosity that grows with current"), ("bar", "viscosity that grows with pressure"),
-     ("%", "viscosity that grows with control input"), ("N·m", "viscosity that grows with load torque")],
-)  # fmt: skip
+    [
+        ("A", "viscosity that grows with current"),
+        ("bar", "viscosity that grows with pressure"),
+        ("%", "viscosity that grows with control input"),
+        ("N·m", "viscosity that grows with load torque"),
+    ],
+)
 def test_the_control_input_is_called_what_it_is(unit: str, text: str) -> None:
     """Words change, tokens of the JSON do not."""
     units = {"q": "m", "current": unit, "torque": "N"}

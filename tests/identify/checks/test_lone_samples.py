@@ -43,8 +43,13 @@ def test_what_has_a_law_is_no_spike() -> None:
     some = np.random.default_rng(2).choice(len(noise), 60, replace=False)
     many = np.random.default_rng(3).choice(len(noise), len(noise) // 12, replace=False)
     assert not found(at, noise).any()
-    for where, size in ((stepped, 3.0), (turned, 3.0 * np.sign(at.qd[turned])), (some, 3.0 * np.sign(at.qd[some])),
-                        (many, 3.0), (some, 0.3)):  # fmt: skip
+    for where, size in (
+        (stepped, 3.0),
+        (turned, 3.0 * np.sign(at.qd[turned])),
+        (some, 3.0 * np.sign(at.qd[some])),
+        (many, 3.0),
+        (some, 0.3),
+    ):
         left = noise.copy()
         left[where] += size
         assert not found(at, left).any()

@@ -97,8 +97,9 @@ def test_spikes_decide_neither_a_fit_nor_a_diagnosis() -> None:
     left = missed(error, torque, weight)
     assert 0.6 < left < 0.72 and np.sqrt(np.mean(error[10:] ** 2)) > 1.0
     squares = np.array([1.2, 1.2])
-    held = HeldOut(baseline=squares, extended=squares, predicted_baseline=torque, predicted_extended=torque + error,
-                   agreed=1.0)  # fmt: skip
+    held = HeldOut(
+        baseline=squares, extended=squares, predicted_baseline=torque, predicted_extended=torque + error, agreed=1.0
+    )
     selection: Any = SimpleNamespace(named=())
     problem: Any = SimpleNamespace(measured=torque, weight=weight, motion=None, units={})
     assert rejections(held, selection, problem) == []

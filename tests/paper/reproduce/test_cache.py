@@ -52,11 +52,13 @@ def catalogue(*functions) -> dict[str, Experiment]:
     """Experiments of these functions; ``base`` depends on the seed, all others on ``base``."""
     return {
         f.__name__: Experiment(
-            name=f.__name__, compute=f, needs=() if f is base else ("base",),
+            name=f.__name__,
+            compute=f,
+            needs=() if f is base else ("base",),
             settings=("seed",) if f is base else (),
         )
         for f in (base, *functions)
-    }  # fmt: skip
+    }
 
 
 def run(out: Path, *functions, settings: Settings | None = None) -> Runner:
@@ -119,8 +121,11 @@ def test_one_failure_loses_nothing_else(tmp_path: Path) -> None:
     """The others are made; the failed one says why on one line, keeps its traceback and is tried again."""
     outcomes = run(tmp_path, failing, waiting, reader).outcomes
     assert {name: o.status for name, o in outcomes.items()} == {
-        "base": "made", "failing": "failed", "waiting": "waiting", "reader": "made",
-    }  # fmt: skip
+        "base": "made",
+        "failing": "failed",
+        "waiting": "waiting",
+        "reader": "made",
+    }
     assert outcomes["failing"].message == "no luck"
     assert "RuntimeError" in (tmp_path / "failing" / "error.txt").read_text()
     assert outcomes["waiting"].message == "no policies yet"
@@ -210,9 +215,11 @@ def test_code_hash_ignores_comments_and_sees_what_is_imported(tmp_path: Path) ->
     root = tmp_path / "pack"
     root.mkdir()
     for name, text in {
-        "__init__": "", "a": '"""A."""\ndef f():\n    from pack import b\n    return b.X\n', "b": "X = 1\n",
+        "__init__": "",
+        "a": '"""A."""\ndef f():\n    from pack import b\n    return b.X\n',
+        "b": "X = 1\n",
         "c": "Y = 1\n",
-    }.items():  # fmt: skip
+    }.items():
         (root / f"{name}.py").write_text(text)
 
     def now() -> str:

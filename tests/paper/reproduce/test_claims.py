@@ -27,10 +27,19 @@ def results(
 ) -> Results:
     """Rows by condition, the paper's figure and SD, ours and SD over three seeds; ``more`` of every row."""
     made = [
-        {"condition": name, "quantity": "x", "paper": {"mean": theirs, "sd": sd}, "ours": ours, "sd": spread,
-         "n": 3, "digits": 3, "calibrated": False, **more}
+        {
+            "condition": name,
+            "quantity": "x",
+            "paper": {"mean": theirs, "sd": sd},
+            "ours": ours,
+            "sd": spread,
+            "n": 3,
+            "digits": 3,
+            "calibrated": False,
+            **more,
+        }
         for name, theirs, sd, ours, spread in cells
-    ]  # fmt: skip
+    ]
     entry = {"rows": made, "claims": {"it holds": holds}, "claim_ids": {"it": "it holds"}}
     return Results({part: {**entry, "reasons": {"drop/reasoned": "as the run says"}}})
 

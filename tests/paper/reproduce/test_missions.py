@@ -23,10 +23,16 @@ def trace(robot: str, *, power: float = 0.0, share: float = 1.0) -> MissionTrace
     rise = {name: share * value * three for name, value in paper.MISSION_RISE[robot].items()}
     return MissionTrace(
         power={name: (value + power) * three for name, value in paper.MISSION_POWER[robot].items()},
-        seconds={name: 500.0 * three for name in PHASES}, depletion=share * paper.MISSION_DEPLETION[robot][0] * three,
-        rise={**rise, "proximal": paper.proximal_rise(robot) * three, "fluid": 0.0 * three}, t=t, power_over_time=t,
-        charge=t, calf=t, proximal=t, fluid=np.zeros((3, 3)),
-    )  # fmt: skip
+        seconds={name: 500.0 * three for name in PHASES},
+        depletion=share * paper.MISSION_DEPLETION[robot][0] * three,
+        rise={**rise, "proximal": paper.proximal_rise(robot) * three, "fluid": 0.0 * three},
+        t=t,
+        power_over_time=t,
+        charge=t,
+        calf=t,
+        proximal=t,
+        fluid=np.zeros((3, 3)),
+    )
 
 
 def made(

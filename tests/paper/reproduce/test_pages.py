@@ -117,11 +117,19 @@ def test_strengths_stand_around_the_shipped_networks() -> None:
     """Halved, as it is, doubled; the middle row is that of figure 4's own entry."""
     rmse = {"MLP": 0.8, "Bouc-Wen": 0.4, "LSTM": 0.4, "PG-RLSTM": 0.2}
     rows = [
-        {**ROW, "condition": f"{name}, {amps} A", "quantity": "RMSE", "ours": value, "sd": 0.1, "n": 3,
-         "calibrated": False, "digits": 3}
+        {
+            **ROW,
+            "condition": f"{name}, {amps} A",
+            "quantity": "RMSE",
+            "ours": value,
+            "sd": 0.1,
+            "n": 3,
+            "calibrated": False,
+            "digits": 3,
+        }
         for name, value in rmse.items()
         for amps in ("1", "1.2", "1.5")
-    ]  # fmt: skip
+    ]
     head = ["effects", *rmse, "below Bouc-Wen [%]", "below LSTM [%]", "below MLP [%]", "lowest"]
     strengths = ("the paper's device", "times 0.5", "times 2")
     table = {"head": head, "rows": [[text, *"1234567", "yes"] for text in strengths]}
@@ -129,6 +137,9 @@ def test_strengths_stand_around_the_shipped_networks() -> None:
     parts = {"fig4": {"rows": rows, **claims}, "fig4_strengths": {"tables": [table]}}
     lines = pages._strengths(Results(parts)).splitlines()
     assert [line.split(" | ")[0] for line in lines[2:]] == [
-        "| the paper's device", "| times 0.5", "| times 1", "| times 2"
-    ]  # fmt: skip
+        "| the paper's device",
+        "| times 0.5",
+        "| times 1",
+        "| times 2",
+    ]
     assert lines[4] == "| times 1 | 0.800 | 0.400 | 0.400 | 0.200 | 50 | 50 | 75 | no |"

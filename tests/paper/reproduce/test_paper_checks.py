@@ -38,8 +38,9 @@ def test_gain_is_what_the_law_slides_at() -> None:
     t = 0.005 * np.arange(600)
     torque = {}
     for amps in (0.0, 1.5):
-        run = Trajectory(id="a", t=t, q=3.0 * t, qd=np.full_like(t, 3.0), current=np.full_like(t, amps),
-                         torque=np.zeros_like(t))  # fmt: skip
+        run = Trajectory(
+            id="a", t=t, q=3.0 * t, qd=np.full_like(t, 3.0), current=np.full_like(t, amps), torque=np.zeros_like(t)
+        )
         torque[amps] = simulate(asdict(BoucWenParams()), Recording(trajectories=(run,)))[0][-1]
     direct = BoucWenParams().I1 * 1.5
     assert torque[1.5] - torque[0.0] - direct == pytest.approx(paper_checks.gain(1.5), rel=1e-3)

@@ -65,7 +65,11 @@ def test_a_wide_interval_is_said_to_prove_little() -> None:
     about_zero = replace(WIDE, centre=0.0, half_width=0.01)
     found = predictions.findings([(WIDE, 3.4), (WIDE, 3.6), (about_zero, 0.0), (NARROW, 3.2), (NARROW, 3.4)])
     assert [row[-1] for row in found.tables[0].rows] == [
-        "hit, proves little", "missed", "hit, proves little", "hit", "missed"
-    ]  # fmt: skip
+        "hit, proves little",
+        "missed",
+        "hit, proves little",
+        "hit",
+        "missed",
+    ]
     assert "3 intervals are wider than 25 %" in found.tables[0].title
     assert "of the 2 others 1 hit" in found.tables[0].title

@@ -17,9 +17,12 @@ def made(tmp_path: Path, **outcome) -> tuple[str, str]:
         condition=EVIL, quantity=EVIL, unit="m", paper=PaperValue(mean=1.0, sd=0.1), ours=2.0, sd=0.1, n=3, why=EVIL
     )
     found = Findings(
-        rows=[row], claims={EVIL: False}, notes=[EVIL], tables=[TextTable(title=EVIL, head=[EVIL], rows=[[EVIL]])],
+        rows=[row],
+        claims={EVIL: False},
+        notes=[EVIL],
+        tables=[TextTable(title=EVIL, head=[EVIL], rows=[[EVIL]])],
         pictures={"a.png": EVIL, "missing.png": "not there"},
-    )  # fmt: skip
+    )
     (tmp_path / "fig5").mkdir()
     (tmp_path / "fig5" / "a.png").write_bytes(b"\x89PNG")
     outcome = Outcome(**{"name": "fig5", "status": "made", "findings": found, **outcome})

@@ -45,14 +45,30 @@ def walked(robot: str, payload: float, command: float, trial: np.ndarray = TRIAL
         square[:, 2::3] *= 0.2
         counts[2] = np.roll(counts[2], -5)
     return WalkResult(
-        robot=robot, payload=payload, command=command, mass=12.0 + payload, trial=trial,
-        joints=JointLoad(torque_square=square, speed=idle + speed, work_out=idle, work_in=idle,
-                coil=np.zeros((n, devices)), friction=np.zeros((n, devices))),
-        seconds=blank + 30.0 / command, motion={"speed": blank + command, "height": blank},
-        braking=0.5 * square, hold=np.full((n, devices), HOLD[payload, command]) + 0.01 * trial[:, None] % 3,
-        dynamic=np.zeros((n, devices)), counts=counts, stance=stance, fell=len(TRIALS) - n - late, late=late,
+        robot=robot,
+        payload=payload,
+        command=command,
+        mass=12.0 + payload,
+        trial=trial,
+        joints=JointLoad(
+            torque_square=square,
+            speed=idle + speed,
+            work_out=idle,
+            work_in=idle,
+            coil=np.zeros((n, devices)),
+            friction=np.zeros((n, devices)),
+        ),
+        seconds=blank + 30.0 / command,
+        motion={"speed": blank + command, "height": blank},
+        braking=0.5 * square,
+        hold=np.full((n, devices), HOLD[payload, command]) + 0.01 * trial[:, None] % 3,
+        dynamic=np.zeros((n, devices)),
+        counts=counts,
+        stance=stance,
+        fell=len(TRIALS) - n - late,
+        late=late,
         trace=GaitTrace(t=np.arange(2.0), values=dict.fromkeys(CHANNELS, np.zeros(2))),
-    )  # fmt: skip
+    )
 
 
 def _square(power: float, speed: float = 0.0) -> float:
@@ -217,10 +233,16 @@ def test_friction_that_is_hidden_in_go1s_rows_is_told(tmp_path: Path) -> None:
 def saved(payload: float, **changed) -> Saving:
     """Some saving at 0.3 m/s."""
     base = Saving(
-        payload=payload, command=0.3, hold_share=0.2, saving=1.0, cot_reduction=0.2, power_reduction=0.2,
-        saving_by_part={"copper_calves": 1.0, "copper_hips_thighs": 1.0}, bound={},
+        payload=payload,
+        command=0.3,
+        hold_share=0.2,
+        saving=1.0,
+        cot_reduction=0.2,
+        power_reduction=0.2,
+        saving_by_part={"copper_calves": 1.0, "copper_hips_thighs": 1.0},
+        bound={},
         paper={"saving": 1.0, "cot_reduction": 0.25, "cot_reduction_sd": 0.02},
-    )  # fmt: skip
+    )
     return replace(base, **changed)
 
 
@@ -233,8 +255,10 @@ def test_the_table_of_one_gait_names_its_conditions() -> None:
 
 def test_a_reduction_has_the_spread_of_both_robots() -> None:
     """MR_Go-SAL's COT scatters by 4 %, MR_Go's by 3 %: their ratio by 5 % of itself; one seed has no spread."""
-    cots = {("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
-            ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3}}  # fmt: skip
+    cots = {
+        ("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
+        ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3},
+    }
     row = walk_results.reduction_row("SAL against MR_Go", saved(0.0), cots, "")
     assert (row.ours, row.n) == (pytest.approx(20.0), 3)
     assert row.sd == pytest.approx(100.0 * 0.8 * 0.05)

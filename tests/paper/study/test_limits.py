@@ -57,8 +57,10 @@ def test_stances_by_margin() -> None:
              "current": [0.2, 0.2, 0.3, 1.0, 1.0, 0.0]}  # fmt: skip
     rows = margin_rows(found)
     assert [(r["low"], r["stances"], r["slipped"]["share"], r["most"]) for r in rows] == [
-        (0.0, 2, 1.0, 0.3), (1.0, 1, 0.0, 0.01), (2.0, 1, 0.0, 0.001)
-    ]  # fmt: skip
+        (0.0, 2, 1.0, 0.3),
+        (1.0, 1, 0.0, 0.01),
+        (2.0, 1, 0.0, 0.001),
+    ]
     assert rows[0]["drift"] == pytest.approx(0.2)
 
 
@@ -68,11 +70,17 @@ def test_a_pulse_leaves_a_core_without_field(lead: float) -> None:
     width, dt, lag = 0.1, 0.005, release.LAG
     zeros = torch.zeros(1, 4)
     env: Any = SimpleNamespace(
-        actuator=SimpleNamespace(coil=zeros.clone()), view=lambda x: x, sim=SimpleNamespace(dt=dt),
-        arrays=SimpleNamespace(current_command=zeros.clone()), robot=SimpleNamespace(before_hooks=[]),
-        cfg=SimpleNamespace(decimation=4, gait_frequency=1.5), phase=torch.tensor([0.5 - 0.04 * 1.5]),
-        f_foot=torch.full((1, 4), 50.0), contact_force=5.0, current_e=torch.tensor([0.5]),
-    )  # fmt: skip
+        actuator=SimpleNamespace(coil=zeros.clone()),
+        view=lambda x: x,
+        sim=SimpleNamespace(dt=dt),
+        arrays=SimpleNamespace(current_command=zeros.clone()),
+        robot=SimpleNamespace(before_hooks=[]),
+        cfg=SimpleNamespace(decimation=4, gait_frequency=1.5),
+        phase=torch.tensor([0.5 - 0.04 * 1.5]),
+        f_foot=torch.full((1, 4), 50.0),
+        contact_force=5.0,
+        current_e=torch.tensor([0.5]),
+    )
     one = torch.ones(1)
     release.Releaser(env, lead * one, one > 0.0, width * one)
     leg = TROT_PHASE.index(0.0)
@@ -104,8 +112,17 @@ def test_what_is_in_the_folder_is_not_done_again(tmp_path: Path, monkeypatch: py
     def walked(count: int) -> Any:
         return lambda *_: done.append(count) or made_up(count)
 
-    standing = {"slope": [0.0], "lateral": [0.0], "current": [1.0], "margin": [3.0], "drift": [1e-3], "sank": [0.0],
-                "slipped": [0], "fell": [0], "held": [1.0]}  # fmt: skip
+    standing = {
+        "slope": [0.0],
+        "lateral": [0.0],
+        "current": [1.0],
+        "margin": [3.0],
+        "drift": [1e-3],
+        "sank": [0.0],
+        "slipped": [0],
+        "fell": [0],
+        "held": [1.0],
+    }
     monkeypatch.setattr(limits, "gait", walked(len(limits.SPEEDS)))
     monkeypatch.setattr(limits, "payload", walked(len(limits.PAYLOADS)))
     monkeypatch.setattr(limits, "gain_and_lag", walked(len(limits.GAINS) * len(limits.LAGS)))

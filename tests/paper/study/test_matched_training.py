@@ -36,7 +36,7 @@ from paper.study.plan import (
     plant_cfg,
     policy_file,
     record_file,
-)  # fmt: skip
+)
 
 pytestmark = pytest.mark.usefixtures("short_gate")
 CFG = StudyCfg(num_envs=4, iterations=2, terrain="flat", seeds=(0,), plants=(CONVENTIONAL, "bouc_wen"))
@@ -66,8 +66,10 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
     )
     assert cfgs[0].randomize == RandomizeCfg(added_mass=(-0.5, 3.5))
     assert [(cfg.robot, cfg.actuator, cfg.sal) for cfg in cfgs] == [
-        ("go1", "none", False), ("mr_go", "bouc_wen", False), ("mr_go", "bouc_wen", True)
-    ]  # fmt: skip
+        ("go1", "none", False),
+        ("mr_go", "bouc_wen", False),
+        ("mr_go", "bouc_wen", True),
+    ]
     assert plant_cfg("go1", randomize="none").randomize is None
     free = plant_cfg("go1", randomize="all", power_price=0.0)
     assert free == replace(cfgs[0], rewards=cfgs[0].rewards.weighing(power=0.0))

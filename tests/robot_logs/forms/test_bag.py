@@ -34,9 +34,14 @@ def _stamp(t: float) -> Any:
 
 def _joints(t: float, names: tuple[str, ...], q: list[float], qd: list[float], effort: list[float]) -> Any:
     return _make(
-        STORE, "sensor_msgs/msg/JointState", header=_stamp(t), name=list(names), position=np.array(q),
-        velocity=np.array(qd), effort=np.array(effort),
-    )  # fmt: skip
+        STORE,
+        "sensor_msgs/msg/JointState",
+        header=_stamp(t),
+        name=list(names),
+        position=np.array(q),
+        velocity=np.array(qd),
+        effort=np.array(effort),
+    )
 
 
 def angle(t: float, k: int) -> float:
@@ -60,11 +65,16 @@ def ros_bag(path: Path, plugin: StoragePlugin = StoragePlugin.MCAP, *, other: bo
                 command = _joints(t + 0.002, JOINTS[::-1], [q[1] + 0.1, q[0] + 0.2], [], [])
                 messages.append(("/joint_commands", t + 0.002, command))
             imu = _make(
-                STORE, "sensor_msgs/msg/Imu", header=_stamp(t + 0.005), orientation_covariance=np.zeros(9),
+                STORE,
+                "sensor_msgs/msg/Imu",
+                header=_stamp(t + 0.005),
+                orientation_covariance=np.zeros(9),
                 orientation=_make(STORE, "geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.6, w=0.8),
-                angular_velocity=vector(x=t + 0.005, y=0.0, z=0.0), angular_velocity_covariance=np.zeros(9),
-                linear_acceleration=vector(x=0.0, y=0.0, z=9.81), linear_acceleration_covariance=np.zeros(9),
-            )  # fmt: skip
+                angular_velocity=vector(x=t + 0.005, y=0.0, z=0.0),
+                angular_velocity_covariance=np.zeros(9),
+                linear_acceleration=vector(x=0.0, y=0.0, z=9.81),
+                linear_acceleration_covariance=np.zeros(9),
+            )
             messages.append(("/imu/data", t + 0.005, imu))
             if other:
                 messages += [(x, t, messages[0][2]) for x in ("/arm/joint_states", "/leg/joint_states")]

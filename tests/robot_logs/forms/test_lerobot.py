@@ -28,9 +28,13 @@ def angles(episode: int) -> np.ndarray:
 
 
 def data_set(
-    path: Path, version: str, *, names: Any = tuple(f"{j}.pos" for j in JOINTS), change: dict[str, Any] | None = None,
+    path: Path,
+    version: str,
+    *,
+    names: Any = tuple(f"{j}.pos" for j in JOINTS),
+    change: dict[str, Any] | None = None,
     episodes: int = 2,
-) -> Path:  # fmt: skip
+) -> Path:
     """Two episodes: a file for each in version 2, one of both in version 3; targets lead by 2 degrees."""
     vector = {"dtype": "float32", "shape": [3], "names": list(names) if isinstance(names, tuple) else names}
     info = {
@@ -125,11 +129,11 @@ def test_units_are_asked_for_and_shares_of_a_range_are_refused(
     [
         ({"codebase_version": "v1.6"}, MAP, "codebase_version = 'v1.6' .. v2.x and v3.x .. convert"),
         ({"features": {"action": {}}}, MAP, "no feature 'observation.state'"),
-        ({}, {"units": {"q": "deg"}}, 'gripper is no joint'),
+        ({}, {"units": {"q": "deg"}}, "gripper is no joint"),
         ({}, {"units": {"q": "deg"}, "joints": {"elbow": "elbow"}}, "'elbow' is not in the log .. is it elbow_flex?"),
         ({}, {**MAP, "kp": {}}, 'pan has targets but no gain; a map gives it, {"kp": {"pan": NUMBER}}'),
     ],
-)  # fmt: skip
+)
 def test_what_a_data_set_does_not_say_is_refused(
     change: dict[str, Any], mapping: dict[str, Any], said: str, tmp_path: Path
 ) -> None:

@@ -81,11 +81,14 @@ def test_names_that_a_file_holds_need_no_map(tmp_path: Path) -> None:
         ("data.pkl", {"time": T}, "a pickle can run any program .. torch.save"),
         ("data.pt", {"time": T, "dof_pos": Q, "des_dof_pos": Q}, "more than tensors .. for safety"),
         ("data.pt", {"time": torch.from_numpy(T)}, "there is no dof_pos (time)"),
-        ("data.pt", {"time": torch.zeros(3), "dof_pos": torch.zeros(4, 2), "des_dof_pos": torch.zeros(4, 2)},
-         "shapes do not fit: time (3,)"),
+        (
+            "data.pt",
+            {"time": torch.zeros(3), "dof_pos": torch.zeros(4, 2), "des_dof_pos": torch.zeros(4, 2)},
+            "shapes do not fit: time (3,)",
+        ),
         ("data.pt", b"nothing at all", "data.pt: is no file of tensors"),
     ],
-)  # fmt: skip
+)
 def test_files_that_hold_anything_else_are_refused(name: str, content: Any, said: str, tmp_path: Path) -> None:
     """Above all what would run a program."""
     file = tmp_path / name

@@ -106,9 +106,7 @@ def test_the_lowest_point_is_that_of_the_stance() -> None:
         trace["f_foot"][0, 0, 1, k] = trace["f_foot"][0, 1, 1, k] = 30.0 if leg in PAIR else 10.0
         trace["f_foot"][0, 2, 2, k] = 30.0 if leg in PAIR else 10.0
     found = table4.lowest_point(trace)
-    assert found == {
-        "time": pytest.approx(0.7 / 3.0), "caught": pytest.approx(0.25), "later": pytest.approx(2.0 / 3.0)
-    }  # fmt: skip
+    assert found == {"time": pytest.approx(0.7 / 3.0), "caught": pytest.approx(0.25), "later": pytest.approx(2.0 / 3.0)}
 
 
 def test_sensitivity_is_over_seeds() -> None:
@@ -119,11 +117,22 @@ def test_sensitivity_is_over_seeds() -> None:
     height = np.stack([np.full_like(drop, 0.3), 0.3 - drop], axis=2)
     blank = np.zeros((count, 12, 2, len(LEGS)))
     trace = ImpactTrace(
-        t=np.array([0.005, 0.01]), height=height, velocity=np.zeros_like(height),
-        tau_motor=drop[..., None, None] + blank, tau_mr=blank, current=blank, m_dyn=blank, m_hold=blank, f_foot=blank,
-        q=blank, qd=blank, qpos=np.zeros((count, 2, 19)), ledger=np.zeros((count, 12, 7)),
-        fell=np.zeros((count, 12), dtype=bool), contact=np.zeros((count, 12)),
-    )  # fmt: skip
+        t=np.array([0.005, 0.01]),
+        height=height,
+        velocity=np.zeros_like(height),
+        tau_motor=drop[..., None, None] + blank,
+        tau_mr=blank,
+        current=blank,
+        m_dyn=blank,
+        m_hold=blank,
+        f_foot=blank,
+        q=blank,
+        qd=blank,
+        qpos=np.zeros((count, 2, 19)),
+        ledger=np.zeros((count, 12, 7)),
+        fell=np.zeros((count, 12), dtype=bool),
+        contact=np.zeros((count, 12)),
+    )
     for entries in push_entries.by_seed(trace, 3).values():
         for entry in entries:
             for quantity in push_entries.REDUCED:
