@@ -1,6 +1,6 @@
 """A robot's log: record an arm whose lower link is heavier than its file says, and let the log say so.
 
-Run: ``python examples/robot_log.py`` (a minute). For a log of your own: ``mrwarp diagnose LOG --robot ROBOT``.
+Run: ``python examples/robot_log.py`` (a minute). For a log of your own: ``mrwarp diagnose robot LOG``.
 """
 
 from pathlib import Path

@@ -58,7 +58,8 @@ def _main(words: list[str], prog: str) -> int:
     for asked, variant in entry.variants.items():
         if words[:1] == [asked[0]] and set(asked) <= set(words):
             called, entry = f"{called} {' '.join(asked)}", variant
-            words = [word for word in words if word not in asked]
+            for word in asked:
+                words.remove(word)
             break
     return _run(entry, CommandLine(prog or called, tuple(words)))
 

@@ -40,7 +40,7 @@ def row_rate(text: str) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class ImportLog(opt.LogOptions):
-    """Write a bag or another project's log as a robot's log: log.json and tables, as 'mrwarp diagnose' reads them.
+    """Write a bag or another project's log as 'mrwarp diagnose robot' reads it: log.json and tables.
 
     Read are ROS 1 and 2 bags and MCAP, LeRobot's data sets (versions 2 and 3), PACE's .pt files, and the CSV of Isaac
     Sim's system identification. Of a bag, JointState, Imu, Odometry, PoseStamped and Unitree's LowState and LowCmd are
@@ -99,7 +99,7 @@ def _check_free(out: Path, overwrite: bool) -> None:
 class RecordLog(Options):
     """Record logs of a virtual robot: plain MuJoCo at 0.5 ms, joints that give, noisy sensors, hidden effects.
 
-    Writes DIR/log.json, a file per motion, and DIR/truth.json with what was hidden; 'mrwarp diagnose' never reads that.
+    Writes DIR/log.json, a file per motion, and DIR/truth.json with what was hidden, which no command reads.
     Motions on the ground (walk, stand, squat, lean) and in the air (chirp, slow, steps) make two logs.
     """
 
@@ -160,7 +160,7 @@ class RecordLog(Options):
             shown.done()
         print(f"{figures['seconds']:.0f} s, {figures['rows']} rows: {', '.join(figures['recordings'])} in {self.out}")
         print(f"what was hidden stands in {self.out / TRUTH_FILE}; look for it with:")
-        print(f"  mrwarp diagnose {self.out} --robot {self.robot} --out {self.out}-diagnosis")
+        print(f"  mrwarp diagnose robot {self.out} --robot {self.robot} --out {self.out}-diagnosis")
         return 0
 
     def _cfg(self) -> LogCfg:

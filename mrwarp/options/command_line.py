@@ -20,6 +20,7 @@ from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import tyro
 from tyro import _errors as events  # not public, see pyproject.toml
+from tyro import _strings as help_strings
 from tyro.conf import (
     AvoidSubcommands,
     DisallowNone,
@@ -285,17 +286,24 @@ def _width() -> int:
 
 @contextlib.contextmanager
 def _plain() -> Iterator[None]:
-    """Help without boxes and colours, as wide as the terminal."""
-    style = tyro._experimental_options
+    """Help without boxes and colours, as wide as the terminal; tyro keeps the line breaks of indented docstrings."""
+    style, joined = tyro._experimental_options, help_strings.remove_single_line_breaks
     before, columns = style.copy(), os.environ.get("COLUMNS")
     style.update(utf8_boxes=False, ansi_codes=False)
+    help_strings.remove_single_line_breaks = _paragraphs
     os.environ["COLUMNS"] = columns or str(_width())
     try:
         yield
     finally:
         style.update(before)
+        help_strings.remove_single_line_breaks = joined
         if columns is None:
             del os.environ["COLUMNS"]
+
+
+def _paragraphs(text: str) -> str:
+    """The text with one line per paragraph."""
+    return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
 
 
 def _message(event: events.ParseErrorEvent, options: type) -> str:

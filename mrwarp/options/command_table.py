@@ -80,6 +80,11 @@ DEVICE = {
     "page": Command("run_device:DevicePage", "docs/devices.md and its pages, from the library"),
 }
 
+DIAGNOSE = {
+    ("joint",): Command("run_diagnose_joint:DiagnoseJoint", "what the model of a recorded joint lacks, and the gain"),
+    ("robot",): Command("run_diagnose_robot:DiagnoseRobot", "what a robot's description gets wrong, from its log"),
+}
+
 LOG = {
     "import": Command("run_log:ImportLog", "a ROS 2 bag or MCAP file as a robot's log"),
     "record": Command("run_log:RecordLog", "record logs of a virtual robot with known hidden effects"),
@@ -98,11 +103,13 @@ COMMANDS: dict[str, Command | Group] = {
     "check": Command("run_fit:Check", "explain a recording, or what is wrong with it"),
     "fit": Command("run_fit:Fit", "identify the joint from recordings"),
     "diagnose": Command(
-        "run_diagnose:Diagnose", "what the simulation gets wrong, why, and what it gains to put that right"
+        "run_diagnose:Diagnose",
+        "what a model gets wrong, and why: 'diagnose joint' of recordings, 'diagnose robot' of a log",
+        DIAGNOSE,
     ),
     "device": Group("the library of identified devices, for every --model", DEVICE),
     "monitor": Command("run_fit:Monitor", "follow a device's health through a folder of calibration records"),
-    "log": Group("logs of whole robots, for 'mrwarp diagnose'", LOG),
+    "log": Group("logs of whole robots, for 'mrwarp diagnose robot'", LOG),
     "learn": Command("run_fit:Learn", "train and evaluate the learned torque models"),
     "reproduce": Command(
         "run_reproduce:Reproduce",

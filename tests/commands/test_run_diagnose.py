@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.commands.run_diagnose import Diagnose
 from mrwarp.diagnose.report import overview_pictures
 from mrwarp.diagnose.result import Diagnosis, Suspect, Value
 from mrwarp.model_file import load_model, save_model
 from mrwarp.nn.training import FitCfg
+from mrwarp.options.command_line import option_types
+from mrwarp.options.command_table import DIAGNOSE
+from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.run_dir import write_result
 from tests.diagnose import made_up
 
@@ -66,6 +70,57 @@ def test_everything_is_written(data: Path, tmp_path: Path, computed, capsys: pyt
     text = capsys.readouterr().out
     assert computed.diagnosis.sentence in text and "coil_lag.time_constant" in text and "10.00 ms" in text
     assert "fitting" in text and "s]" in text
+
+
+def test_each_command_has_its_own_options(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """The help of neither names the other's, the alias says which are whose, and each refuses the other's data."""
+    joint, robot = (set(option_types(DIAGNOSE[(kind,)].load())) for kind in ("joint", "robot"))
+    said = (Diagnose.__doc__ or "").partition("takes ")[2].partition("Only a robot's log")
+    for part, own in ((said[0], joint - robot), (said[2], robot - joint)):
+        assert {word.strip(".,")[2:] for word in part.split() if word.startswith("--")} == own
+    for kind, others in (("joint", robot - joint), ("robot", joint - robot)):
+        assert main(["diagnose", kind, "--help"]) == 0
+        text = capsys.readouterr().out
+        assert text.startswith(f"usage: mrwarp diagnose {kind} ") and "--quick" in text
+        assert [name for name in others if f"--{name} " in text] == []
+    log = tmp_path / "log"
+    log.mkdir()
+    (log / "log.json").write_text("{}")
+    for kind, path, other in (("joint", log, "robot"), ("robot", data, "joint")):
+        assert main(["diagnose", kind, str(path), "--out", str(tmp_path / "out")]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"mrwarp diagnose {kind}: {path}: ") and f"'mrwarp diagnose {other}'" in error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("one_picture")
+def test_data_may_be_called_as_a_command_is(
+    data: Path, tmp_path: Path, computed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``diagnose joint joint`` reads the folder of that name; the command is written as it was typed."""
+    (tmp_path / "joint").mkdir()
+    data.rename(tmp_path / "joint" / "run.csv")
+    monkeypatch.chdir(tmp_path)
+    assert main(["diagnose", "joint", "joint", "--out", "out"]) == 0
+    assert json.loads(Path("out/result.json").read_text())["command"] == "mrwarp diagnose joint joint --out out"
+
+
+def test_the_alias_refuses_options_of_the_other_kind(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """One line with option, data and remedy; nothing is written."""
+    log = tmp_path / "log"
+    log.mkdir()
+    (log / "log.json").write_text("{}")
+    out = ["--out", str(tmp_path / "out")]
+    joints = (["--model", "emps"], ["--predict", str(log)], ["--averaged", "0.01"], ["--impact"], ["--learn"])
+    robots = (["--live"], ["--policy", str(DEFAULT_POLICY)], ["--units", "q=deg"], ["--map", str(data)])
+    for path, options, said in (
+        (log, joints, f" is for the recording of a joint; {log} is a robot's log: leave it out"),
+        (data, robots, f": {data} is the recording of a joint, no robot's log; leave it out"),
+    ):
+        for words in options:
+            assert main(["diagnose", str(path), *words, *out]) == 2
+            assert capsys.readouterr().err == f"mrwarp diagnose: {words[0]}{said}\n"
+    assert not (tmp_path / "out").exists()
 
 
 def test_no_verdict_is_an_answer(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:

@@ -19,6 +19,8 @@ MISSPELT = {
     "monitor": "none",
     "learn": "none --out o",
     "diagnose": "none",
+    "diagnose joint": "none",
+    "diagnose robot": "none",
     "play": "--policy none.onnx",
     "impact": "--policy none.onnx",
     "walk": "--policy-go1 none.onnx",
