@@ -26,6 +26,7 @@ from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.sysid.certainty import by_ratio, gain_and_t
 from mrwarp.sysid.least_squares import ridge_solve
+from mrwarp.sysid.settings import Settings
 
 _STARTS_ON = 8000
 """Samples on which the starts of the baseline are searched."""
@@ -53,9 +54,6 @@ _TRIED = (0.25, 0.5, 0.75, 1.0)
 """Shifts of the clock that are tried [samples]."""
 _SMOOTHING = (2.0, 4.0, 8.0)
 """Divisors of the smoother's bandwidth that are tried."""
-_CLEAR, _CLEAR_T = 0.02, 4.0
-"""Least gain of another reading of the motion, as a share of all that the model leaves, and its least ratio to its
-standard error."""
 
 
 def fit_baseline(
@@ -65,13 +63,15 @@ def fit_baseline(
     threads: int,
     seed: int,
     log: Progress,
+    settings: Settings | None = None,
     known: np.ndarray | None = None,
 ) -> tuple[Problem, Fit]:
     """Fit eqs. 14 and 15 on ``threads`` of the CPU, and learn the noise.
 
     A ``model`` that is known already is one more start, and its effects are part of the baseline. ``seed`` is that of
-    the samples on which starts are searched; ``log`` takes a line on what is being done; ``known`` says of which
-    samples of the motion the torque may be fitted, bool, shape (N,), where these are not all.
+    the samples on which starts are searched; ``log`` takes a line on what is being done; the problem carries the
+    ``settings``; ``known`` says of which samples of the motion the torque may be fitted, bool, shape (N,), where these
+    are not all.
     """
     motion = Motion.of(recording, resistance=coil_resistance(recording, model)).stretches(LIMIT)
     if known is not None:
@@ -96,6 +96,7 @@ def fit_baseline(
         q_zero=q_zero,
         units=recording.units,
         noise=_white(float(motion.torque.std()) or 1.0),
+        settings=settings or Settings(),
     )
     nominal = _known_numbers(model, scales)
     bends = {(effect, p.name): value for (effect, p), value in nominal.items() if p.form}
@@ -331,8 +332,9 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
         if found[-1][1].total > found[-2][1].total:
             break
     best, refitted = min(found, key=lambda item: item[1].total)
-    clear = by_ratio(fit.loo_loss, refitted.loo_loss) > _CLEAR_T
-    if not clear or refitted.total > (1.0 - _CLEAR) * fit.total:
+    settings = problem.settings.gain
+    clear = by_ratio(fit.loo_loss, refitted.loo_loss) > settings.clear_t
+    if not clear or refitted.total > (1.0 - settings.share) * fit.total:
         best = problem
     reversing = best.motion.kinematics.reversing
     driven_by_torque = sticks(best) or best.motion.ranges.carried
@@ -356,7 +358,8 @@ def align_clocks(problem: Problem, fit: Fit) -> Problem:
     totals = [float(loss.sum()) for loss in losses]
     k = int(np.argmin(totals))
     gain, t = gain_and_t(losses[0], losses[k])
-    if gain < max(5.0 * threshold(fit), _CLEAR * totals[0]) or t < _CLEAR_T:
+    settings = problem.settings.gain
+    if gain < max(5.0 * threshold(problem, fit), settings.share * totals[0]) or t < settings.clear_t:
         return problem
     found = shifts[k]
     if 0 < k < len(totals) - 1:  # the vertex of the parabola through the best and its neighbours

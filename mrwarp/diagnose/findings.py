@@ -18,7 +18,7 @@ from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, without_effect
-from mrwarp.diagnose.residual_structure import LAG, Line
+from mrwarp.diagnose.residual_structure import LAG, Leftover, Line
 from mrwarp.diagnose.result import (
     REGIMES,
     Accounting,
@@ -44,16 +44,6 @@ from mrwarp.recording.data import NO_INPUT
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 from mrwarp.sysid.verdict import VERDICTS
-
-_LEAST_T, _SLOW_T = 2.0, 2.5
-"""Structure is only reported when it predicts trajectories with this ratio to its standard error; the latter for
-structure that is slow or has a memory."""
-_CLEARLY = 2.0
-"""Gain, in thresholds, from which it is reported at all."""
-_BEYOND_DOUBT = 5.0
-"""Gain, in thresholds, above which it is reported although a few trajectories carry it."""
-_SHARE = 0.2
-"""Part of the predictable mismatch above which the rest next to named effects is reported."""
 
 _UNSEEN = {
     **dict.fromkeys(("coil_lag", "command_delay", "remanence"), "the current hardly changes within a trajectory"),
@@ -103,7 +93,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     traces = _traces(found)
     model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
     causes = causes_of(selection, model)
-    unexplained = unexplained_of(selection, found.line, found.rejected) or _repeatable(found)
+    unexplained = unexplained_of(problem, selection, found.line, found.rejected) or _repeatable(found)
     if unexplained is not None:
         formula = find_formula(traces, unexplained, problem.units)
         unexplained = replace(unexplained, formula=formula)
@@ -218,30 +208,32 @@ def _numbers(effect: Effect) -> dict[str, Value]:
     return {name: Value(value=p.value, ci95=ci95, unit=p.unit) for name, (p, ci95) in fitted.items() if ci95}
 
 
-def unexplained_of(selection: Selection, line: Line | None, rejected: Sequence[Rejection] = ()) -> Unexplained | None:
+def unexplained_of(
+    problem: Problem, selection: Selection, line: Line | None, rejected: Sequence[Rejection] = ()
+) -> Unexplained | None:
     """Structure that stays when the named effects are in, or None.
 
     What a lag would take up that was rejected as the hidden motion of a yielding shaft is that motion, no structure.
     """
-    need = threshold(selection.final)
+    need, rest = threshold(problem, selection.final), problem.settings.rest
+
+    def reported(f: Leftover) -> bool:
+        quick = not f.group.slow and "memory" not in f.group.variables
+        t = problem.settings.gain.likely_t if quick else rest.slow_t
+        return f.gain > rest.certainly * need or (f.gain > rest.clearly * need and f.t > t)
+
     hidden = any(x.reason == HIDDEN_MOTION for x in rejected)
-    left = [
-        f
-        for f in selection.leftovers
-        if not (hidden and f.group.form == LAG)
-        if f.gain > _BEYOND_DOUBT * need
-        or (f.gain > _CLEARLY * need and f.t > (_SLOW_T if f.group.slow or "memory" in f.group.variables else _LEAST_T))
-    ]
+    left = [f for f in selection.leftovers if not (hidden and f.group.form == LAG) and reported(f)]
     if line is None and not left:
         return None
     gain, named = max([f.gain for f in left], default=0.0), selection.gain
     both = gain + (line.gain if line else 0.0)
     share = both / max(named + both, 1e-9)
-    if named > 0.0 and share < _SHARE:
+    if named > 0.0 and share < problem.settings.proof.part:
         return None
     if line is not None and line.gain > gain:
         return Unexplained(depends_on=("frequency",), form=f"a line at {line.frequency:.2f} Hz", share=share)
-    clear = [f for f in left[:3] if f.gain > 0.5 * left[0].gain]
+    clear = [f for f in left[:3] if f.gain > problem.settings.gain.near * left[0].gain]
     variables = dict.fromkeys(v for f in clear for v in f.group.variables)
     return Unexplained(depends_on=tuple(variables), form=left[0].group.form, share=share)
 
@@ -285,7 +277,7 @@ def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
             outcome = f"suspect: {rejected[c.effect]}"
         elif c.effect in rivals:
             outcome = "alternative: these data cannot distinguish it from the cause named"
-        elif gain < threshold(base):
+        elif gain < threshold(problem, base):
             outcome = "rejected: gains no more than noise would"
         elif named:
             outcome = "rejected: adds too little once the named causes are in"

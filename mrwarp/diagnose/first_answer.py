@@ -23,9 +23,6 @@ from mrwarp.recording.load import Recording
 
 NOT_CHECKED = "a first look only: nothing was checked"
 """Why no candidate of a first answer is a cause."""
-_NEAR, _MOST = 0.5, 3
-"""Part of the best candidate's gain from which others are listed, as where the search refines them, and how many
-are."""
 _EXPLAINS = 0.5
 """Part of the mismatch that the best candidate takes away where it is likelier than a law of another shape."""
 
@@ -61,9 +58,10 @@ def first_answer(
         begun: When the diagnosis began, by ``time.perf_counter``.
         seed: Seed of everything random.
     """
-    found = [_suspect(problem, base, c) for c in screened if base.total - c.total > threshold(base)]
+    found = [_suspect(problem, base, c) for c in screened if base.total - c.total > threshold(problem, base)]
     found = [s for s in found if not would_be_negative(s.name, next(iter(s.parameters.values())).value)]
-    suspects = tuple(s for s in found if s.gain > _NEAR * found[0].gain)[:_MOST]
+    near, most = problem.settings.gain.near, problem.settings.law.rivals
+    suspects = tuple(s for s in found if s.gain > near * found[0].gain)[:most]
     unknown = float("nan")
     nothing = Error(rmse=unknown, nrmse=unknown, unit=recording.units["torque"])
     return Diagnosis(

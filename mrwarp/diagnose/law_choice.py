@@ -1,9 +1,9 @@
 """Which hysteresis law the device follows, asked before any effect: eq. 15, or a published one in its place.
 
 All laws are judged in one way: plain simulation error of trajectories left out in turn, each with its own zero of the
-torque. Eq. 14 is preferred. It is tried with the best effects of the catalogue, and another law is taken only
-if it leaves less error by more than chance over the trajectories *and* by the stated :data:`MARGIN`: a hidden effect
-bends a loop too, and a law of another shape would take that up.
+torque. Eq. 14 is preferred. It is tried with the best effects of the catalogue, and another law is taken only if it
+leaves less error by more than chance over the trajectories *and* by the margin of :class:`~mrwarp.sysid.settings.Law`:
+a hidden effect bends a loop too, and a law of another shape would take that up.
 """
 
 from __future__ import annotations
@@ -21,33 +21,14 @@ from mrwarp.identify.parameters import LINEAR, SHAPE, SHAPE_PART, YIELDING, slot
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.sysid.certainty import by_ratio
+from mrwarp.sysid.settings import Law
 
-MARGIN = 0.15
-"""Share by which the held-out RMSE of another law must be lower than that of eq. 14 with its best effect."""
-LEAST_T = 3.0
-"""Least ratio of that gain to its standard error over trajectories, each by the logarithm of its error: in the sum only
-the few with the largest torque would count."""
-SIMPLER = 0.03
-"""Share of the held-out RMSE within which a law with fewer numbers is taken instead."""
 _SINGLE = "dahl"
 """The law that eq. 15 becomes with alpha = gamma = 0."""
 _SAMPLES = 12_000
 """Samples on which laws are compared."""
 _RUNS = 40
 """Trajectories to which these may fall, where there are many short ones: enough to distinguish chance from gain."""
-_STRUCTURED = 2.5
-"""Ratio of the mismatch to the noise from sample to sample below which no law is looked for."""
-_SMALL = 0.05
-"""Mismatch, as a share of the torque's standard deviation, up to which a model counts as right but for details."""
-_FEW = 4
-"""Fewest trajectories at which a gain can be distinguished from chance."""
-_RIVALS = 3
-"""Effects that are tried with eq. 14."""
-_ZEROS_SHARE, _ZEROS_GAIN = 0.05, 0.5
-"""Spread of the trajectories' zeros, as a share of the torque's, and share of the squared error that letting them go
-takes away, from which the zeros have moved."""
-_GAP = 0.3
-"""Share of the zeros' range from which a gap between them parts the moved ones from the others."""
 _ALSO = "current_viscosity"
 """Further term of published laws: viscosity in a straight line over the current."""
 _INERTIA = "rotor_inertia"
@@ -86,13 +67,12 @@ class LawChoice:
         """The law in words."""
         return HYSTERESIS[self.name].title if self.other else "eq. 14"
 
-    @property
-    def moved(self) -> list[str]:
-        """Trajectories on the far side of the widest gap between zeros, where there is one; else all."""
+    def moved(self, gap: float) -> list[str]:
+        """Trajectories on the far side of the widest gap between zeros, if it is that share of their range."""
         names = sorted(self.offsets, key=lambda name: self.offsets[name])
         zeros = np.array([self.offsets[name] for name in names])
         gaps = np.diff(zeros)
-        if not len(gaps) or gaps.max() < _GAP * np.ptp(zeros):
+        if not len(gaps) or gaps.max() < gap * np.ptp(zeros):
             return names
         cut = int(np.argmax(gaps)) + 1
         return min(names[:cut], names[cut:], key=len)
@@ -126,7 +106,7 @@ def choose_law(
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
     with_effects = [_ALSO] if search.levels > 1 and _ALSO not in problem.impossible else []
-    inertia = [c.effect for c in screened if c.effect == _INERTIA and base.total - c.total > threshold(base)]
+    inertia = [c.effect for c in screened if c.effect == _INERTIA and base.total - c.total > threshold(problem, base)]
     count, spread = float(search.weight.sum()), float(small.torque.std()) or 1.0
 
     def nrmse(found: Solution) -> float:
@@ -139,10 +119,11 @@ def choose_law(
         name: law_search(small, q_zero, name, offsets=True, effects=[*with_effects, *inertia], threads=threads)
         for name in HYSTERESIS
     }
-    alone, paper, effects = _eq_14(search, base, screened, with_effects, inertia, laws[_SINGLE])
+    settings = problem.settings.law
+    alone, paper, effects = _eq_14(search, base, screened, with_effects, inertia, laws[_SINGLE], settings.rivals)
     held_out = {"bouc_wen": nrmse(alone)} | {name: nrmse(found) for name, found in laws.items()}
     best = min(laws, key=lambda name: held_out[name])
-    near = [name for name in laws if held_out[name] < (1.0 + SIMPLER) * held_out[best]]
+    near = [name for name in laws if held_out[name] < (1.0 + settings.simpler) * held_out[best]]
     best = min(near, key=lambda name: (laws[name].layout.size, held_out[name]))
     found = laws[best]
     extra = [name for name in effects if name not in found.layout.effects and name not in base.effects]
@@ -152,10 +133,10 @@ def choose_law(
         for name in extra:
             x[layout.own(name)] = paper.x[paper.layout.own(name)]
         found = min(found, search.descend(layout, x), key=error)
-    taken = _clear(paper, found)
+    taken = _clear(settings, paper, found)
     if not taken and error(found) < error(paper):  # what stands before the shaft bends the loop of either most
-        taken = _clear(_behind(search, paper), _behind(search, found))
-    fewer = len(slots_of(best)) < len(SHAPE) and error(found) < (1.0 + SIMPLER) ** 2 * error(paper)
+        taken = _clear(settings, _behind(search, paper), _behind(search, found))
+    fewer = len(slots_of(best)) < len(SHAPE) and error(found) < (1.0 + settings.simpler) ** 2 * error(paper)
     simpler = not taken and problem.unchanging and fewer
     found = laws[best]
     choice = LawChoice(
@@ -175,15 +156,16 @@ def choose_law(
     return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
 
 
-def _clear(paper: Solution, found: Solution) -> bool:
+def _clear(law: Law, paper: Solution, found: Solution) -> bool:
     """Whether another law predicts clearly better than the paper's."""
     after, before = found.held_out.sum(), paper.held_out.sum()
-    return by_ratio(paper.held_out, found.held_out) > LEAST_T and bool(after < (1.0 - MARGIN) ** 2 * before)
+    return by_ratio(paper.held_out, found.held_out) > law.t and bool(after < (1.0 - law.margin) ** 2 * before)
 
 
 def may_follow_another_law(problem: Problem, base: Fit) -> bool:
     """Whether the laws are compared: of some trajectories, where eq. 14 leaves much, and no other law is known."""
-    return len(problem.motion.parts) >= _FEW and not base.parameters.law and structured(problem, base)
+    enough = len(problem.motion.parts) >= problem.settings.gain.few
+    return enough and not base.parameters.law and structured(problem, base)
 
 
 def structured(problem: Problem, base: Fit) -> bool:
@@ -191,16 +173,18 @@ def structured(problem: Problem, base: Fit) -> bool:
     left = problem.motion.torque - base.torque
     bends = np.concatenate([np.diff(left[part], 2) for part in problem.motion.parts])
     noise = 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6.0)
-    return float(np.sqrt(np.mean(left**2))) > _STRUCTURED * noise
+    return float(np.sqrt(np.mean(left**2))) > problem.settings.law.structured * noise
 
 
 def misfits(problem: Problem, fit: Fit) -> bool:
     """Whether a model is wrong by much that is structured, so that its whitened differences say what is quick only.
 
-    Below :data:`_SMALL` of the torque what it leaves is a correction to a model that is right, and may be whitened.
+    Below :attr:`~mrwarp.sysid.settings.Law.detail` what it leaves is a correction to a model that is right, and may be
+    whitened.
     """
     left = problem.motion.torque - fit.torque
-    return structured(problem, fit) and float(left.std()) > _SMALL * float(problem.motion.torque.std())
+    detail = problem.settings.law.detail * float(problem.motion.torque.std())
+    return structured(problem, fit) and float(left.std()) > detail
 
 
 def _eq_14(
@@ -210,11 +194,12 @@ def _eq_14(
     with_effects: list[str],
     inertia: list[str],
     single: Solution,
+    rivals: int,
 ) -> tuple[Solution, Solution, tuple[str, ...]]:
     """Eq. 14 with an inertia if there is one, and with what helps it most of the best effects.
 
     The error on trajectories left out counts. Each is fitted from the baseline and from ``single``, the law that eq. 15
-    contains: a baseline without the inertia may have a loop that stands for it.
+    contains: a baseline without the inertia may have a loop that stands for it. ``rivals`` effects are tried.
     """
     known = dict(base.parameters.choices)
 
@@ -233,7 +218,7 @@ def _eq_14(
         return min((search.descend(layout, x) for x in starts), key=lambda s: float(s.held_out.sum()))
 
     found = []
-    for candidate in (None, *[c for c in screened if c.effect not in inertia][:_RIVALS]):
+    for candidate in (None, *[c for c in screened if c.effect not in inertia][:rivals]):
         solution = descend([*with_effects, *inertia, *([candidate.effect] if candidate else [])], candidate)
         found.append((solution, tuple(e for e in solution.layout.effects if e not in base.effects)))
     return descend(inertia), *min(found, key=lambda item: float(item[0].held_out.sum()))
@@ -265,7 +250,8 @@ def _without_zeros(problem: Problem, found: Solution, names: Sequence[str]) -> t
     zeros -= middle + slope * np.array([motion.current[part].mean() for part in motion.parts])
     moved = np.repeat(zeros, np.diff(motion.start))
     together, separate = float(np.var(left)), float(np.var(left - moved))
-    if zeros.std() < _ZEROS_SHARE * motion.torque.std() or separate > (1.0 - _ZEROS_GAIN) * together:
+    law = problem.settings.law
+    if zeros.std() < law.detail * motion.torque.std() or separate > law.half * together:
         return problem, {}
     corrected = problem.with_motion(replace(motion, torque=motion.torque - moved))
     offsets = {name: float(zero) * motion.scales.torque for name, zero in zip(names, zeros, strict=True)}

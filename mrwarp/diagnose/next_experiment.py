@@ -369,7 +369,7 @@ def smallest_sizes(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, 
         for target, (effect, size) in enumerate(some, start=len(fit.slopes)):
             _, inside, _ = losses(equations, fit.free, target)
             curves.setdefault(effect, []).append((size, max(float(inside.sum()), 1e-12)))
-    ranges, need = problem.motion.ranges, _MORE * threshold(fit)
+    ranges, need = problem.motion.ranges, _MORE * threshold(problem, fit)
     return {effect: _crossing(curve, need, slots_of(effect)[0].parameter, ranges) for effect, curve in curves.items()}
 
 

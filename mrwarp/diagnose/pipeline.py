@@ -40,6 +40,7 @@ from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
 from mrwarp.model_file import Model, Parameter, completed, parameter_unit, stated
 from mrwarp.recording.load import Holding, Recording
+from mrwarp.sysid.settings import Settings
 
 _TIGHTER = 0.5
 """Ratio of the spreads of the trajectories' factors from which causes are searched again: where factors may differ
@@ -53,6 +54,7 @@ def diagnose(
     model: Model | None = None,
     holding: Holding | None = None,
     effects: Collection[str] | None = None,
+    settings: Settings | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     answered: Callable[[Diagnosis], bool] = lambda answer: True,
@@ -67,6 +69,7 @@ def diagnose(
             holding law, is kept in the models of the result.
         holding: Break-away torques, for eq. 18 of those models; they count before the model's.
         effects: Effects that may be named, of the catalogue; None: all of it.
+        settings: Numbers by which is decided; None: those of the documentation.
         seed: Seed of every draw (starts, resampling).
         progress: Takes a line on what is being done.
         answered: Takes the first answer, which is not final; the diagnosis ends with it where that returns False.
@@ -76,7 +79,8 @@ def diagnose(
     begun = time.perf_counter()
     if reasons := no_verdict_reasons(recording):
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
-    session = _prepared(recording, effects, model=model, threads=threads, seed=seed, log=log)
+    settings = settings or Settings()
+    session = _prepared(recording, effects, settings, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(
         session.recording,
         session.problem,
@@ -158,6 +162,7 @@ class _Session:
 def _prepared(
     recording: Recording,
     effects: Collection[str] | None,
+    settings: Settings,
     *,
     model: Model | None,
     threads: int,
@@ -169,7 +174,7 @@ def _prepared(
     for fault in faults:
         log(fault.sentence)
     recording, decimated = decimate(recording)
-    given = {"model": model, "threads": threads, "seed": seed, "log": log}
+    given = {"model": model, "settings": settings, "threads": threads, "seed": seed, "log": log}
     problem, base = fit_baseline(recording, **given)
     spikes = spikes_of(problem, base, recording)
     if spikes is not None:
@@ -198,7 +203,7 @@ def _with_law(session: _Session, log: Progress) -> _Session:
     )
     faults = session.faults
     if choice is not None and choice.offsets:
-        faults = (*faults, zeros_about(recording, choice.offsets, choice.moved))
+        faults = (*faults, zeros_about(recording, choice.offsets, choice.moved(problem.settings.law.gap)))
     if choice is not None and choice.other:
         problem, base = plain_problem(other, other_base)
         if not misfits(problem, base):

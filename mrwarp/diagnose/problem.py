@@ -8,7 +8,7 @@ others predict it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,25 +37,12 @@ from mrwarp.sysid.jackknife import effective_count, jackknife, student
 from mrwarp.sysid.least_squares import Rules, minimise
 from mrwarp.sysid.left_out import left_out
 from mrwarp.sysid.pieces import Pieces, Quadratic
+from mrwarp.sysid.settings import Settings
 
-FLOOR = 0.003
-"""Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
-CHI2 = 30.0
-"""Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
 UNCHANGING = 0.01
 """Change of the control input, as a share of its largest value, up to which it is the same throughout."""
-_BENT, _BENT_T = 0.05, 4.0
-"""Least gain, as a share of what a model leaves, and its least ratio to its standard error, for a bent law."""
-_HARMONIC_T = 2.0
-"""That ratio for further harmonics, all that bends where a joint turns all the way round: a line at one place of the
-spectrum stands in for nothing else, as the bend of a law may."""
-_STIFFER, _CLEARLY = 4.0, 0.02
-"""Factor of the stiffness from which a device behind play or a spring is fitted again, and the share of the squared
-error that this has to take away."""
-_LINE = 0.02
-"""Least gain of a further harmonic, as a share of what the model leaves without it."""
-_CARRIED_T = 1.0
-"""That ratio for the inertia behind a gear: where an inertia is known to be there, some of it is."""
+_STIFFER = 4.0
+"""Factor of the stiffness from which a device behind play or a spring is fitted again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +62,8 @@ class Problem:
     noise: Noise
     misfit: bool = False
     """Whether the mismatch is so large that its statistics say nothing about noise."""
+    settings: Settings = field(default_factory=Settings)
+    """The numbers by which everything about it is decided."""
 
     @property
     def motion(self) -> Motion:
@@ -278,7 +267,7 @@ def _as_stiff(problem: Problem, fit: Fit) -> Fit:
         if (x > fit.parameters.high).any():
             break
         stiff = fit_model(problem, fit.parameters, x)
-        if stiff.loss.sum() > (1.0 - _CLEARLY) * fit.loss.sum():
+        if stiff.loss.sum() > (1.0 - problem.settings.gain.share) * fit.loss.sum():
             break
         fit = stiff
     return fit
@@ -300,10 +289,13 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     if bends:
         bent = plain_fit(problem, fit, bent=True)
         gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
-        least_t = _HARMONIC_T if problem.motion.ranges.turns >= 1.0 else _BENT_T
-        if all(p.carried for p in bends):
-            least_t = _CARRIED_T
-        if gain > _BENT * plain.total and (t > least_t or by_ratio(plain.loo_loss, bent.loo_loss) > _BENT_T):
+        settings = problem.settings.gain
+        # harmonics of a joint that turns all the way round: a line of the spectrum stands in for nothing else
+        least_t = settings.likely_t if problem.motion.ranges.turns >= 1.0 else settings.clear_t
+        if all(p.carried for p in bends):  # where an inertia is known to be there, some is behind the gear
+            least_t = settings.one_error
+        clear = t > least_t or by_ratio(plain.loo_loss, bent.loo_loss) > settings.clear_t
+        if clear and gain > problem.settings.search.bent * plain.total:
             own = iter(least[EFFECT_PART])
             added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]
             return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))
@@ -367,7 +359,8 @@ def _lines_that_predict(problem: Problem, fit: Fit, effect: str) -> dict[str, fl
         waves = list(_torques(problem, fit, effect, numbers) - fit.torque)
         sizes, after = _together(problem, fit, [*columns, *waves])
         gain, t = gain_and_t(loss, after)
-        if gain < max(CHI2, _LINE * float(loss.sum())) or t < _HARMONIC_T:
+        settings = problem.settings.gain
+        if gain < max(settings.chi2, settings.share * float(loss.sum())) or t < settings.likely_t:
             break
         lines[p.name], tuning[p.name] = found[0], len(columns) + len(waves)
         whole = {p.name: found[0], **dict(zip(parts, sizes[-len(parts) :], strict=True))}
@@ -405,9 +398,9 @@ def _by_repetitions(problem: Problem, fit: Fit, effect: str, line: Mapping[str, 
     return (ahead - behind) / (2.0 * step)
 
 
-def threshold(fit: Fit) -> float:
-    """Gain below which nothing is named."""
-    return max(CHI2, FLOOR * fit.equations.count)
+def threshold(problem: Problem, fit: Fit) -> float:
+    """Gain on top of a model below which nothing is named."""
+    return max(problem.settings.gain.chi2, problem.settings.gain.floor * fit.equations.count)
 
 
 def drifts(effect: str) -> bool:
@@ -415,13 +408,13 @@ def drifts(effect: str) -> bool:
     return "time" in KNOWN[effect].depends_on
 
 
-def as_good(fit: Fit, best: Fit, base: Fit) -> bool:
+def as_good(problem: Problem, fit: Fit, best: Fit, base: Fit) -> bool:
     """Whether a model cannot be distinguished from a better one, by what both gain on a base."""
     loss, t = gain_and_t(fit.loo_loss, best.loo_loss)
-    own = base.total - best.total
-    if all(drifts(e) for e in set(fit.effects) ^ set(best.effects)):
-        return loss < 12.0 or (t < 2.0 and loss < 0.05 * own)  # what drifts shows in trajectories, not by samples
-    return loss < 12.0 or (t < 1.5 and loss < 0.01 * own)
+    own, settings = base.total - best.total, problem.settings.gain
+    if all(drifts(e) for e in set(fit.effects) ^ set(best.effects)):  # shows in trajectories, not by samples
+        return loss < settings.distinct or (t < 2.0 and loss < 0.05 * own)
+    return loss < settings.distinct or (t < 1.5 and loss < 0.01 * own)
 
 
 def covariance(fit: Fit) -> np.ndarray:

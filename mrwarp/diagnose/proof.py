@@ -23,36 +23,15 @@ from mrwarp.identify.parameters import YIELDING, row_column
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import by_ratio, two_sizes
 from mrwarp.sysid.jackknife import sum_and_error
+from mrwarp.sysid.settings import Proof
 
-_STANDARD_ERRORS = 1.0
-"""Least gain on trajectories left out, in its standard errors: the one-standard-error rule."""
-_PART = 0.2
-"""Least gain of an effect, as a share of what comes again without a name."""
-_KNOWN_WITHIN = 25.0
-"""Ratio of an interval's ends from which a positive number counts as not known at all."""
-_HALF = 4
-"""Fewest trajectories per half."""
-_BEARS = 0.02
-"""Share of an effect's energy from which a trajectory belongs to a half."""
-_SHOWS = 0.1
-"""Share of an effect's energy below which a half says nothing of its size: what else is wrong there is as large."""
-_DIFFERS, _TWICE = 2.0, 2.0
-"""Difference between an effect's sizes in two halves, in its standard errors, and their ratio: both from which it is
-no single effect."""
-_STATIC = 4.0
-"""That ratio for dry frictions between speeds."""
 _SPEEDS = ("slow and quick motion", "low and high speed")
 _LOW_SPEED = 0.25
 """Speed, as a share of the typical one, above which Stribeck friction has nothing to do with low speed."""
-_ROUNDS = 6
-"""Searches at most: each after the first leaves out the suspects of those before."""
-
 _LARGER = (1.0, 1.7, 2.8)
 """Factors of the gap from which play is fitted again."""
 _SHORT = "it is shorter than a sample: with this law it may only round the corners of the loop"
 """Why one that is shorter is no cause there."""
-_UNSEEN = 0.1
-"""Part of a sample below which such a lag is not distinguished from the hidden motion of a yielding shaft."""
 HIDDEN_MOTION = "it is a small part of a sample: with a shaft that yields it may stand for its hidden motion"
 """Why one that is shorter still is no cause there, and what it would take up no structure."""
 _HIDDEN_BY_PLAY = "it is too small to resolve at your sampling rate"
@@ -77,7 +56,8 @@ def select_proven(
     """Search the causes and try each; what fails is left out, and the rest searched again without it."""
     rejections: dict[str, Rejection] = {}
     problem, base, left = models.problem, models.base, screened
-    for k in range(_ROUNDS):
+    rounds = problem.settings.proof.rounds
+    for k in range(rounds):
         selection = _restarted(select(problem, base, left, log, models=models), models)
         found = _rejections(selection, models)
         if not found:
@@ -85,7 +65,7 @@ def select_proven(
         log(f"not proven: {', '.join(found)}")
         rejections |= found
         # the last search is only among what it has shown so far
-        allowed = [c.effect for c in screened] if k < _ROUNDS - 2 else selection.named
+        allowed = [c.effect for c in screened] if k < rounds - 2 else selection.named
         left = [c for c in screened if c.effect in allowed and c.effect not in rejections]
         models.fits = {effects: fit for effects, fit in models.fits.items() if not rejections.keys() & set(effects)}
     else:
@@ -150,7 +130,7 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
             continue
         without = float(held_out_squares(problem, models.reported(models.without(selection.final, effect))).sum())
         gain = (without - after) / baseline
-        if gain < _PART * account.unnamed:
+        if gain < problem.settings.proof.part * account.unnamed:
             times = account.unnamed / max(gain, 1e-9)
             much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
             reason = f"what comes again without a name is {much}: this may be a part of it"
@@ -162,7 +142,7 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
     while unknown:  # what stays has to have a known size without them, too
         fit = models.reported(final)
         added, refined = models.added(final), selection.refined
-        reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit, refined) for e in added}
+        reasons = {e: _unknown(e, fit, problem, refined) for e in added}
         unknown = [e for e, reason in reasons.items() if reason]
         for effect in unknown:
             gain = selection.own_gain.get(effect, 0.0) / selection.base.total
@@ -179,14 +159,14 @@ def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
         return {}
     problem, fit = models.problem, models.reported(selection.final)
     refined = selection.refined
-    reasons = {e: _size_rejection(e, fit, problem) or _interval_rejection(e, fit, refined) for e in selection.named}
+    reasons = {e: _unknown(e, fit, problem, refined) for e in selection.named}
     if reasons.get("backlash"):
         reasons = {e: "" if reason == _HIDDEN_BY_PLAY else reason for e, reason in reasons.items()}
     if not any(reasons.values()):  # next to an impossible effect, nothing else has its true size
         after = held_out_squares(problem, fit)
         for effect in selection.named:
             before = held_out_squares(problem, models.reported(models.without(selection.final, effect)))
-            reasons[effect] = _gain_rejection(before, after)
+            reasons[effect] = _gain_rejection(before, after, problem.settings.gain.one_error)
             # what takes away more than all that is left is no piece of it, for any exact form of its law, but for a
             # lag, which rounds the corners of every loop
             corners = problem.misfit and KNOWN[effect].rounds_corners
@@ -196,13 +176,14 @@ def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
     return {e: Rejection(effect=e, reason=x, gain=gains[e], fit=fit) for e, x in reasons.items() if x}
 
 
-def _gain_rejection(before: np.ndarray, after: np.ndarray) -> str:
+def _gain_rejection(before: np.ndarray, after: np.ndarray, least_t: float) -> str:
     """Why the fall of the trajectories' squared errors, both of shape (T,), may be chance, or nothing.
 
-    It has to show in their sum and in each one's own error: in the sum only the few with the largest torque count.
+    It has to be ``least_t`` standard errors in their sum and by each one's own error: in the sum only the few with the
+    largest torque count.
     """
     gain, error = sum_and_error(before - after)
-    if gain <= _STANDARD_ERRORS * error or by_ratio(before, after) <= _STANDARD_ERRORS:
+    if gain <= least_t * error or by_ratio(before, after) <= least_t:
         better = int((before > after).sum())
         return (
             f"without it the simulation of unseen trajectories is as good, but for chance (better with it in {better} "
@@ -219,7 +200,7 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     halves bear half of what the effect changes if each has enough runs, else in the middle, and its size is fitted in
     each, with all else free and common.
     """
-    motion, own = problem.motion, fit.parameters.own(effect)
+    motion, own, settings = problem.motion, fit.parameters.own(effect), problem.settings
     if drifts(effect) or not set(own) & set(fit.free):
         return ""
     change = problem.weight * (fit.torque - without_effect(problem, fit, effect))
@@ -242,7 +223,8 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
             halves = np.stack([low, change - low])
             bears = np.add.reduceat(halves**2, motion.start[:-1], axis=1)
             whole = bears.sum(axis=1, keepdims=True)
-            in_many = ((bears > _BEARS * whole).sum(axis=1) >= _HALF).all() and whole.min() > _SHOWS * whole.sum()
+            many = ((bears > settings.gain.share * whole).sum(axis=1) >= settings.gain.few).all()
+            in_many = many and whole.min() > settings.proof.silent * whole.sum()
             if in_many:
                 break
         if not in_many:
@@ -250,16 +232,24 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
         parts = [np.vstack([rows[:-1, p], halves[:, p], rows[-1:, p]]) for p in motion.parts]
         sizes, error = two_sizes(np.stack([part @ part.T for part in parts]))
         small, large = sorted(sizes, key=abs)
-        ratio = _STATIC if KNOWN[effect].dry and drive in _SPEEDS else _TWICE
-        if abs(large - small) > _DIFFERS * error and small / large < 1.0 / ratio:
+        ratio = settings.proof.twice ** (2 if KNOWN[effect].dry and drive in _SPEEDS else 1)
+        if abs(large - small) > settings.gain.likely_t * error and small / large < 1.0 / ratio:
             return (
                 f"it has no single size: it differs between {drive} by more than chance, and by over {ratio:.0f} times"
             )
     return ""
 
 
+def _unknown(
+    effect: str, fit: Fit, problem: Problem, refined: Mapping[tuple[str, str], tuple[float, float, float]]
+) -> str:
+    """Why the size of an effect is not possible or not known, or nothing."""
+    possible = _size_rejection(effect, fit, problem)
+    return possible or _interval_rejection(effect, fit, problem.settings.proof, refined)
+
+
 def _interval_rejection(
-    effect: str, fit: Fit, refined: Mapping[tuple[str, str], tuple[float, float, float]] | None = None
+    effect: str, fit: Fit, proof: Proof, refined: Mapping[tuple[str, str], tuple[float, float, float]] | None = None
 ) -> str:
     """Why the size of an effect is not known, or nothing.
 
@@ -278,7 +268,7 @@ def _interval_rejection(
             low, high = interval(fit, i, spread)
             if better := (refined or {}).get(slot.key):
                 low, high = np.log(np.maximum(better[1:], 1e-300))
-            if high - low > np.log(_KNOWN_WITHIN):
+            if high - low > np.log(proof.known_within):
                 return "its size is not known within a factor of five"
     return "its 95 % interval contains zero" if linear and not known else ""
 
@@ -292,7 +282,8 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
         return f"{1e3 * value:.3g} ms are not possible: {parameter.beyond} (at most {1e3 * most:.0f} ms)"
     if problem.misfit and KNOWN[effect].rounds_corners and value < ranges.dt:
         return _SHORT
-    if KNOWN[effect].rounds_corners and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
+    unseen = problem.settings.proof.unseen * ranges.dt
+    if KNOWN[effect].rounds_corners and value < unseen and set(YIELDING) & set(fit.effects):
         return HIDDEN_MOTION
     if (
         effect == "series_compliance"

@@ -19,19 +19,6 @@ from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import gain_and_t
 from mrwarp.sysid.elimination import grown
 
-_ADDED, _ADDED_SLOWLY = 0.13, 0.06
-"""Part of the gain so far that one more effect must add."""
-KEPT, KEPT_NEXT_TO_MORE = 0.35, 0.5
-"""Part of an effect's gain that must remain next to free functions of its rest, the latter if that is more."""
-_NEARLY_ALL = 10.0
-"""Ratio of losses without and with an effect from which it stands in for nothing: it explains nearly all."""
-WITHIN = 60.0
-"""Gain within trajectories, in units of the noise's variance, below which an effect must show between them."""
-DRIFT_P = 1e-3
-"""Largest chance at which an effect that only shows between trajectories is confirmed."""
-EDGE_T = 2.0
-"""Least ratio of a gain to its standard error over trajectories, of an effect at the edge of its range."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Selection:
@@ -65,12 +52,12 @@ class Selection:
 
 def screen_candidates(problem: Problem, base: Fit, candidates: list[str]) -> list[Candidate]:
     """Every candidate on top of the baseline, best first."""
-    return screen(problem, base, candidates, hopeless=0.3 * threshold(base))
+    return screen(problem, base, candidates, hopeless=0.3 * threshold(problem, base))
 
 
 def best_single(problem: Problem, base: Fit, screened: list[Candidate]) -> Fit | None:
     """The best model with one more effect, if any gains enough: a first guess, to learn the noise without it."""
-    if not screened or base.total - screened[0].total < threshold(base):
+    if not screened or base.total - screened[0].total < threshold(problem, base):
         return None
     return Models(problem, base).grown(base, screened[0])
 
@@ -104,7 +91,7 @@ def select(
 def _best_model(models: Models, screened: list[Candidate], before: list[Leftover], log: Progress) -> Fit:
     """The best model whose effects are all worth their place and no confounders; the baseline if there is none."""
     base, candidates = models.base, [c.effect for c in screened]
-    passing = [c for c in screened if base.total - c.total > threshold(base)]
+    passing = [c for c in screened if base.total - c.total > threshold(models.problem, base)]
     if not passing:
         return base
     log(f"refining {', '.join(c.effect for c in passing[:4])}")
@@ -133,15 +120,15 @@ def _best_model(models: Models, screened: list[Candidate], before: list[Leftover
 def _grow(models: Models, on: Fit, passing: list[Candidate]) -> Fit:
     """Best of the models with one more effect, among candidates with at least half of the best first look's gain."""
     top = on.total - passing[0].total
-    near = [c for c in passing if on.total - c.total > 0.5 * top][:5]
-    return _simplest([models.grown(on, c) for c in near], on)
+    near = [c for c in passing if on.total - c.total > models.problem.settings.gain.near * top][:5]
+    return _simplest(models.problem, [models.grown(on, c) for c in near], on)
 
 
-def _simplest(fits: list[Fit], on: Fit) -> Fit:
+def _simplest(problem: Problem, fits: list[Fit], on: Fit) -> Fit:
     """The best model, or a simpler one that predicts as well."""
     best = min(fits, key=attrgetter("total"))
     for fit in sorted(fits, key=lambda f: f.parameters.size):
-        if fit.parameters.size < best.parameters.size and as_good(fit, best, on):
+        if fit.parameters.size < best.parameters.size and as_good(problem, fit, best, on):
             return fit
     return best
 
@@ -168,8 +155,8 @@ def _best_pair(
         others += [models.grown(models.base, c) for c in passing if c.effect not in known][: 2 - len(others)]
     for single in others:
         pairs += [models.grown(single, c) for c in _passing(models, single, candidates)[:2]]
-    pair = _simplest(pairs, best)
-    return pair if best.total - pair.total > threshold(best) else best
+    pair = _simplest(models.problem, pairs, best)
+    return pair if best.total - pair.total > threshold(models.problem, best) else best
 
 
 def _pruned(models: Models, best: Fit) -> Fit:
@@ -199,8 +186,9 @@ def _needed(models: Models, fit: Fit, effect: str) -> float:
     The part is measured by the model's gain, or by all that it leaves if that is less. What drifts over the session is
     nobody else's wrong form.
     """
-    part = _ADDED_SLOWLY if drifts(effect) else _ADDED
-    return max(threshold(fit), part * min(models.base.total - fit.total, fit.total))
+    settings = models.problem.settings.search
+    part = settings.added_slowly if drifts(effect) else settings.added
+    return max(threshold(models.problem, fit), part * min(models.base.total - fit.total, fit.total))
 
 
 def _alternatives(
@@ -229,7 +217,7 @@ def _alternatives(
             if name != steps.excluded
             and not _worn(fit, name)
             and not (effect == "coulomb_friction" and name == "stribeck" and fit.total > final.total)
-            and ((name == steps.undecided and effect in (LAG, DELAY)) or as_good(fit, final, without))
+            and ((name == steps.undecided and effect in (LAG, DELAY)) or as_good(models.problem, fit, final, without))
         )
     return gains, alternatives
 
@@ -259,10 +247,11 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
     The structure that a model leaves is offered to it as free functions. An effect that is real still adds what it
     did; one that was a proxy of that structure adds little. ``before`` is what the baseline leaves.
     """
+    settings = models.problem.settings.search
     fit = _within_range(models, _not_by_chance(models, fit))
     gain_before = {f.group.key: f.gain for f in before}
     while fit is not models.base:
-        left = [f for f in leftovers(models.problem, fit) if f.gain > threshold(fit)]
+        left = [f for f in leftovers(models.problem, fit) if f.gain > threshold(models.problem, fit)]
         # what the effects have mostly taken up is their own law in another form, not another structure
         left = [f for f in left if f.gain > 0.3 * gain_before[f.group.key]][:2]
         if not left:
@@ -274,20 +263,21 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
         kept: dict[str, float] = {}
         for effect in models.added(fit):
             without = models.without(fit, effect)
-            if without.total > _NEARLY_ALL * fit.total:
+            if without.total > settings.nearly_all * fit.total:
                 continue
             alone = without.total - fit.total
             # along the hysteresis without the effect: along its own they would have its shape
             groups = {group.key: group.rows for group in groups_along(models.problem, without)}
             gained = _loss_with(models.problem, without, np.vstack([groups[f.group.key] for f in left])) - full
-            kept[effect] = gained / max(alone, 1e-9) * (KEPT / KEPT_NEXT_TO_MORE if left[0].gain > 1.5 * alone else 1.0)
-            if gained < threshold(fit):
+            more = settings.kept / settings.kept_next_to_more if left[0].gain > 1.5 * alone else 1.0
+            kept[effect] = gained / max(alone, 1e-9) * more
+            if gained < threshold(models.problem, fit):
                 kept[effect] = min(kept[effect], 0.0)
         kept.pop(expected_in(models.problem), None)
         if not kept:
             return fit
         weakest = min(kept, key=lambda e: kept[e])
-        if kept[weakest] > KEPT:
+        if kept[weakest] > settings.kept:
             return fit
         fit = models.without(fit, weakest)
     return fit
@@ -295,10 +285,12 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
 
 def _not_by_chance(models: Models, fit: Fit) -> Fit:
     """The model without effects that may only follow offsets and factors of the trajectories by chance."""
+    settings = models.problem.settings
+    within = max(2.0 * settings.gain.chi2, 0.5 * threshold(models.problem, fit))
     for effect in models.added(fit):
         without = models.without(fit, effect)
-        if gain_within_runs(models.problem, fit, without) < max(WITHIN, 0.5 * threshold(fit)):
-            if drift_p_value(models.problem, fit, without) > DRIFT_P:
+        if gain_within_runs(models.problem, fit, without) < within:
+            if drift_p_value(models.problem, fit, without) > settings.search.drift_p:
                 return _not_by_chance(models, without)
     return fit
 
@@ -313,7 +305,7 @@ def _within_range(models: Models, fit: Fit) -> Fit:
     for effect in models.added(fit):
         if effect in at_edge:
             without = models.without(fit, effect)
-            if gain_and_t(without.loo_loss, fit.loo_loss)[1] < EDGE_T:
+            if gain_and_t(without.loo_loss, fit.loo_loss)[1] < models.problem.settings.gain.likely_t:
                 return _within_range(models, without)
     return fit
 

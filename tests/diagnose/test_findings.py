@@ -126,5 +126,5 @@ def test_the_hidden_motion_of_a_shaft_is_no_structure(reason: str) -> None:
     left = [f for f in leftovers(problem, base) if f.group.form == LAG]
     selection = Selection(base=base, final=base, screened=[], fits={}, leftovers=left)
     lag = Rejection(effect="torque_sensor_lag", reason=reason, gain=0.1, fit=base)
-    assert unexplained_of(selection, None) is not None
-    assert (unexplained_of(selection, None, (lag,)) is None) == (reason == HIDDEN_MOTION)
+    assert unexplained_of(problem, selection, None) is not None
+    assert (unexplained_of(problem, selection, None, (lag,)) is None) == (reason == HIDDEN_MOTION)

@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.law_choice import MARGIN, LawChoice
+from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.settings import Law
 from tests.identify.test_law_fit import TRUTH, kwok_damper
 
 
@@ -24,7 +25,7 @@ def test_a_foreign_device_gets_its_law(foreign: tuple[Recording, Diagnosis]) -> 
     recording, found = foreign
     assert found.law is not None and found.law.name == "kwok" and not found.causes and found.unexplained is None
     before, after = found.law.error
-    assert after < (1.0 - MARGIN) * min(before, found.law.rival)
+    assert after < (1.0 - Law().margin) * min(before, found.law.rival)
     assert "The hysteresis has another shape: Kwok's law, error" in found.sentence
     model = found.model
     assert model is not None and model.law is not None
@@ -51,9 +52,9 @@ def test_a_gap_parts_the_moved_zeros() -> None:
     moved = LawChoice(
         name="kwok", held_out=held, rival=0.2, offsets={"a": 0.0, "b": -100.0, "c": 3.0, "d": -97.0, "e": 1.0}
     )
-    assert moved.moved == ["b", "d"]
+    assert moved.moved(0.3) == ["b", "d"]
     even = LawChoice(name="kwok", held_out=held, rival=0.2, offsets={str(k): float(k) for k in range(8)})
-    assert len(even.moved) == 8
+    assert len(even.moved(0.3)) == 8
 
 
 def _motor(inertia: float, friction: float, spikes: float) -> Recording:

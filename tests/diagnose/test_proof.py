@@ -24,6 +24,7 @@ from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection, screen_candidates
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import Ranges
+from mrwarp.sysid.settings import Gain, Proof, Settings
 from tests.diagnose import known
 
 
@@ -38,6 +39,29 @@ def test_an_effect_of_possible_size_is_a_cause() -> None:
     """A sensor that lags 6 ms is named and nothing is suspected."""
     selection, rejections = proven({"torque_sensor_lag": {"time_constant": 0.006}}, ["torque_sensor_lag", "cogging"])
     assert selection.named == ["torque_sensor_lag"] and not rejections
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        (Settings(proof=Proof(known_within=1.01)), "not known within"),
+        (Settings(gain=Gain(one_error=10.0)), "as good, but for chance"),
+        (Settings(gain=Gain(chi2=1e6)), ""),
+    ],
+)
+def test_stricter_settings_make_a_cause_a_suspect_or_nothing(settings: Settings, reason: str) -> None:
+    """The sensor of 6 ms that is named by default is not known well enough, not certain enough, or no gain at all."""
+    problem = known.problem(
+        {"torque_sensor_lag": {"time_constant": 0.006}}, seed=50, at=known.motion(50, runs=6, seconds=3.0)
+    )
+    problem = replace(problem, settings=settings)
+    base = known.fitted(problem)
+    selection, rejections = select_proven(
+        Models(problem, base), screen_candidates(problem, base, ["torque_sensor_lag", "cogging"])
+    )
+    assert not selection.named
+    assert [x.effect for x in rejections] == (["torque_sensor_lag"] if reason else [])
+    assert all(reason in x.reason for x in rejections)
 
 
 def test_an_effect_of_impossible_size_is_a_suspect() -> None:
@@ -113,7 +137,7 @@ def test_a_true_lag_is_as_long_in_slow_motion_as_in_quick(one: bool) -> None:
 )
 def test_a_gain_counts_by_trajectories(before: list[float], proof: bool) -> None:
     """One trajectory that gains is chance, all of them are not; those of large torque do not decide alone."""
-    assert (not _gain_rejection(np.array(before), np.ones(len(before)))) == proof
+    assert (not _gain_rejection(np.array(before), np.ones(len(before)), 1.0)) == proof
 
 
 def test_cogging_at_one_angle_only_is_a_suspect() -> None:
@@ -198,7 +222,7 @@ def test_of_two_numbers_one_has_to_be_clear_of_zero(effect: str, times: float, k
     x = fit.x.copy()
     x[[first, *others[:1]]] = 0.0
     x[first] = times * 0.5 * (high - low)
-    assert (not _interval_rejection(effect, replace(fit, x=x))) == known_
+    assert (not _interval_rejection(effect, replace(fit, x=x), Proof())) == known_
 
 
 @pytest.mark.parametrize(("low", "rejected"), [(0.0006, False), (0.0001, True), (0.0, True)])
@@ -209,9 +233,9 @@ def test_the_interval_that_is_reported_decides(low: float, rejected: bool) -> No
     variance = np.zeros(len(fit.x))
     variance[fit.parameters.own("command_delay")[0]] = 1.0
     wide = replace(fit, least_variance=variance)  # of the logarithm: a factor of 7 to either side
-    assert "not known" in _interval_rejection("command_delay", wide)
+    assert "not known" in _interval_rejection("command_delay", wide, Proof())
     refined = {("command_delay", "delay"): (0.002, low, 0.004)}
-    assert bool(_interval_rejection("command_delay", wide, refined)) == rejected
+    assert bool(_interval_rejection("command_delay", wide, Proof(), refined)) == rejected
 
 
 def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,7 +258,7 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
     found, [rejection] = without_parts(models, selection, account)
     assert found.named == ["cogging"] and rejection.effect == "torque_sensor_lag"
     reason = "its 95 % interval contains zero"
-    monkeypatch.setattr(proof, "_interval_rejection", lambda effect, fit, _: "" if len(fit.effects) > 1 else reason)
+    monkeypatch.setattr(proof, "_interval_rejection", lambda effect, fit, *_: "" if len(fit.effects) > 1 else reason)
     found, rejections = without_parts(models, selection, account)
     assert not found.named and [rejection.effect for rejection in rejections] == ["torque_sensor_lag", "cogging"]
     assert rejections[1].reason == reason

@@ -78,7 +78,7 @@ def test_structure_shows_in_its_variables(name: str) -> None:
     problem = known.problem(seed=5, at=motion, plus=make(motion, motion))
     fit = known.fitted(problem)
     found = leftovers(problem, fit)
-    assert found[0].gain > 3.0 * threshold(fit) and found[0].t > 2.0
+    assert found[0].gain > 3.0 * threshold(problem, fit) and found[0].t > 2.0
     assert variables & set(found[0].group.variables[:2])
     assert [f.gain for f in found] == sorted((f.gain for f in found), reverse=True)
 
@@ -88,7 +88,7 @@ def test_clean_data_leave_nothing() -> None:
     problem = known.problem(seed=6)
     fit = known.fitted(problem)
     found = leftovers(problem, fit)
-    assert max(f.gain for f in found) < threshold(fit)
+    assert max(f.gain for f in found) < threshold(problem, fit)
     assert np.mean([f.gain < 0.0 for f in found]) > 0.5
 
 

@@ -8,12 +8,13 @@ import pytest
 from mrwarp.diagnose import screening
 from mrwarp.diagnose.baseline import fit_baseline
 from mrwarp.diagnose.pipeline import _candidates
-from mrwarp.diagnose.problem import CHI2, FLOOR, covariance, reported_fit, threshold
+from mrwarp.diagnose.problem import covariance, reported_fit, threshold
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection, _within_range, best_single, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.parameters import LINEAR
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.settings import Gain, Settings
 from tests.diagnose import known
 
 CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
@@ -32,10 +33,13 @@ def made(hidden: dict | None = None, seed: int = 50, **more):
 
 def test_threshold_is_chi_squared_or_a_share_of_the_samples() -> None:
     """30 for few samples; 0.3 % of them where they are many, for the replay itself errs by as much."""
-    small = known.fitted(made())
-    assert threshold(small) == CHI2
+    problem = made()
+    small = known.fitted(problem)
+    assert threshold(problem, small) == 30.0
     small.equations.count = 100_000.0
-    assert threshold(small) == pytest.approx(FLOOR * 100_000.0)
+    assert threshold(problem, small) == pytest.approx(300.0)
+    stricter = replace(problem, settings=Settings(gain=Gain(floor=0.01)))
+    assert threshold(stricter, small) == pytest.approx(1000.0)
 
 
 def test_a_look_at_a_candidate_is_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,7 +64,7 @@ def test_nothing_is_named_in_clean_data() -> None:
     for seed in (50, 51):
         selection = searched(made(seed=seed))
         assert selection.final is selection.base and selection.gain == 0.0 and not selection.alternatives
-        assert max(f.gain for f in selection.leftovers) < threshold(selection.base)
+        assert max(f.gain for f in selection.leftovers) < threshold(made(), selection.base)
         assert best_single(made(seed=seed), selection.base, selection.screened) is None
 
 
@@ -80,8 +84,10 @@ def test_hidden_effect_is_named(effect: str, numbers: dict[str, float]) -> None:
     found = selection.final.parameters.values(selection.final.x)[effect]
     for name, value in numbers.items():
         assert found[name] == pytest.approx(value, rel=0.15, abs=2e-3)
-    assert selection.own_gain[effect] == pytest.approx(selection.gain) and selection.gain > threshold(selection.base)
-    assert max(f.gain for f in selection.leftovers) < threshold(selection.base)
+    assert selection.own_gain[effect] == pytest.approx(selection.gain) and selection.gain > threshold(
+        made(), selection.base
+    )
+    assert max(f.gain for f in selection.leftovers) < threshold(problem, selection.base)
     single = best_single(problem, selection.base, selection.screened)
     assert single is not None and effect in single.effects
 
@@ -102,7 +108,7 @@ def test_pair_is_found_whole() -> None:
         made({"coil_lag": {"time_constant": 0.008}, "cogging": {"sine": 0.03, "cosine": 0.0, "periods": 25}})
     )
     assert selection.final.effects == ("coil_lag", "cogging")
-    assert min(selection.own_gain.values()) > threshold(selection.base)
+    assert min(selection.own_gain.values()) > threshold(made(), selection.base)
 
 
 def test_structure_outside_the_catalogue_is_not_named() -> None:
@@ -112,14 +118,14 @@ def test_structure_outside_the_catalogue_is_not_named() -> None:
     selection = searched(known.problem(seed=52, at=at, plus=0.15 * s.q**2 * s.qd))
     assert selection.final is selection.base
     assert set(selection.leftovers[0].group.variables[:2]) & {"q", "qd"}
-    assert selection.leftovers[0].gain > threshold(selection.base)
+    assert selection.leftovers[0].gain > threshold(made(), selection.base)
 
 
 def test_only_candidates_are_named() -> None:
     """An effect that is not offered is not found; what remains of it is left over."""
     selection = searched(made({"rotor_inertia": {"inertia": 0.01}}), ["wear", "coil_lag"])
     assert "rotor_inertia" not in selection.final.effects
-    assert selection.leftovers[0].gain > threshold(selection.base)
+    assert selection.leftovers[0].gain > threshold(made(), selection.base)
 
 
 def test_a_caller_says_which_effects_may_be_named() -> None:

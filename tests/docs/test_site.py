@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import re
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -10,6 +11,7 @@ from typing import Any, cast
 import yaml
 
 import mrwarp
+from mrwarp.sysid.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "tools/site/mkdocs.yml"
@@ -74,6 +76,14 @@ def test_settings_have_defaults_and_meanings() -> None:
     assert list(hooks().setting_rows(node)) == ["| `speed` | `0.5` | how fast [m/s] |", "| `num` | `needed` |  |"]
     text = hooks().settings_page()
     assert "| `K1` |" in text and "## ImpactCfg" in text
+
+
+def test_every_setting_of_a_diagnosis_has_a_row() -> None:
+    """With its default, its range, what it trades and what set it."""
+    rows = [line for line in hooks().diagnosis_page().splitlines() if line.startswith("| `")]
+    groups = [field.default_factory for field in fields(Settings)]
+    assert len(rows) == sum(len(fields(group)) for group in groups)
+    assert all(len(re.split(r"(?<!\\)\|", row)) == 8 and "; more " in row for row in rows)
 
 
 def test_links_to_files_that_are_no_pages_become_names() -> None:

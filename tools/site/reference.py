@@ -13,8 +13,9 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -122,6 +123,29 @@ def settings_page() -> str:
     return "\n".join(parts)
 
 
+def diagnosis_page() -> str:
+    """Every number by which a diagnosis decides: what it is, what it trades, and what set it."""
+    from mrwarp.sysid.settings import Settings
+    from mrwarp.sysid.settings.checked import described
+
+    parts = [
+        "# Settings of a diagnosis",
+        "",
+        "Every number by which `mrwarp.diagnose(data, settings=...)` decides, as",
+        "",
+    ]
+    parts += ["`from mrwarp.sysid.settings import Gain, Settings; Settings(gain=Gain(chi2=50.0))`.", ""]
+    parts += ["What is physically possible stands in the [effects](../extend.md), not here."]
+    for group in fields(Settings):
+        kind: Any = group.default_factory
+        parts += ["", f"## {group.name}", "", f"`{kind.__name__}`: {kind.__doc__}", ""]
+        parts += ["| setting | default | range | meaning | a higher value: | set by |", "|---|---|---|---|---|---|"]
+        for row in described(kind):
+            cells = (f"`{row.name}`", row.default, row.range, row.meaning, row.trades, row.by)
+            parts.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(parts)
+
+
 def setting_rows(node: ast.ClassDef) -> Iterator[str]:
     """A row for each field: its default as it is written, and its docstring."""
     for field, after in zip(node.body, [*node.body[1:], None], strict=True):
@@ -150,7 +174,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages of the reference."""
     from mkdocs.structure.files import File
 
-    for name, text in (("commands", commands_page()), ("python", python_page()), ("settings", settings_page())):
+    pages = {"commands": commands_page, "python": python_page, "settings": settings_page, "diagnosis": diagnosis_page}
+    for name, text in ((name, page()) for name, page in pages.items()):
         files.append(File.generated(config, f"reference/{name}.md", content=text))
     return files
 

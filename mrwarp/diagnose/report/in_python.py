@@ -19,6 +19,7 @@ from mrwarp.model_file import Model, load_model, save_model
 from mrwarp.recording.load import Recording, load_recording
 from mrwarp.run_dir import write_bytes, write_text
 from mrwarp.runtime import core_count
+from mrwarp.sysid.settings import Settings
 
 COMMAND = "mrwarp.diagnose(...)"
 """Origin named in the report."""
@@ -120,6 +121,7 @@ def diagnose_files(
     data: str | Path | Recording,
     *,
     model: str | Path | Model | None = None,
+    settings: Settings | None = None,
     seed: int = 0,
     skip_bad: bool = False,
     progress: Callable[[str], None] | None = None,
@@ -137,6 +139,7 @@ def diagnose_files(
     Args:
         data: A CSV or Parquet file, a folder of them, or what :func:`mrwarp.load_recording` returned.
         model: Nominal model, against which shifts of calibration count.
+        settings: Numbers by which is decided, :class:`mrwarp.sysid.settings.Settings`; None: the defaults.
         seed: Seed of everything random.
         skip_bad: Leave files of a folder out that would be refused.
         progress: Called with what is being done.
@@ -151,6 +154,12 @@ def diagnose_files(
     nominal = load_model(model) if isinstance(model, str | Path) else model
     return Found(
         diagnosis=diagnose(
-            recording, model=nominal, holding=holding, seed=seed, progress=log, threads=min(core_count(), 8)
+            recording,
+            model=nominal,
+            holding=holding,
+            settings=settings,
+            seed=seed,
+            progress=log,
+            threads=min(core_count(), 8),
         )
     )

@@ -1,0 +1,122 @@
+"""Settings of the search for a joint's effects.
+
+Losses are sums of squares in units of the noise's variance, so a gain compares with chi-squared. A *t* is a gain over
+its standard error, with trajectories as units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mrwarp.sysid.settings.checked import Checked, setting
+
+RATES = "benchmarks.confusion and the public data sets"
+"""Devices with known causes, and real ones: docs/diagnosis_rates.md."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain(Checked):
+    """What counts as a gain, in every step."""
+
+    chi2: float = setting(30.0, 0.0, 1e6, fewer="false causes", more="missed small ones", by="chi-squared law")
+    """Least gain in units of the noise's variance: one chance in a million over a hundred starts. A model that loses
+    this much on the data is no rival. An effect that gains less than twice as much within trajectories has to show
+    between them."""
+    floor: float = setting(0.003, 0.0, 1.0, fewer="false causes in long data", more="missed ones", by="replay's step")
+    """Least gain as a share of the noise's energy: the replay's own step errs by about as much."""
+    distinct: float = setting(12.0, 0.0, 1e4, fewer="single answers", more="alternatives")
+    """Difference of chi-squared from which two explanations are distinguished: a likelihood ratio of 400."""
+    one_error: float = setting(1.0, 0.0, 10.0, fewer="false causes", more="suspects", by="one-standard-error rule")
+    """Least t of an effect on trajectories left out, and of a number that is known to be there, as an inertia."""
+    likely_t: float = setting(2.0, 0.0, 10.0, fewer="chance findings", more="missed ones", by="95 % of a normal law")
+    """Least t where one question is asked."""
+    clear_t: float = setting(4.0, 0.0, 20.0, fewer="wrong readings of the log", more="right ones not taken")
+    """Least t where many were asked, or where a wrong answer bends all that follows: bent laws, another reading of the
+    motion, a single step over the noise."""
+    share: float = setting(0.02, 0.0, 1.0, fewer="idle refinements", more="missed ones")
+    """Share of the squares below which a refinement, or a trajectory, says nothing."""
+    few: int = setting(4, 2, 100, fewer="chance findings", more="questions that stay open in short data")
+    """Fewest runs, rests or spectra among which a gain can be distinguished from chance."""
+    near: float = setting(0.5, 0.0, 1.0, fewer="fits", more="wrong first guesses")
+    """Part of the best one's gain from which others are looked at as well."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search(Checked):
+    """Which effects are found together."""
+
+    added: float = setting(0.13, 0.0, 1.0, fewer="false second causes", more="missed ones", by=RATES)
+    """Part of the gain so far that one more effect must add: a law in a wrong form leaves a part for others."""
+    added_slowly: float = setting(0.06, 0.0, 1.0, fewer="false drifts", more="missed ones", by=RATES)
+    """That part for what drifts over the session, which is nobody else's wrong form."""
+    kept: float = setting(0.35, 0.0, 1.0, fewer="proxies of other structure", more="missed causes", by=RATES)
+    """Part of an effect's gain that must remain next to free functions of its rest."""
+    kept_next_to_more: float = setting(0.5, 0.01, 1.0, fewer="proxies", more="missed causes next to others", by=RATES)
+    """That part where the free functions gain much more than the effect."""
+    nearly_all: float = setting(10.0, 1.0, 1e6, fewer="proxies", more="work")
+    """Ratio of losses without and with an effect from which it stands in for nothing."""
+    drift_p: float = setting(1e-3, 0.0, 1.0, fewer="missed drifts", more="false drifts")
+    """Largest chance at which an effect that only shows between trajectories is confirmed."""
+    bent: float = setting(0.05, 0.0, 1.0, fewer="bent laws by chance", more="biased numbers")
+    """Part of what a model leaves that a bent law must take away."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proof(Checked):
+    """Which found effects are causes; the others are suspects."""
+
+    part: float = setting(
+        0.2,
+        0.0,
+        10.0,
+        fewer="pieces of other laws",
+        more="suspects",
+        by="devices by other laws: a tenth to a sixth; true effects: a third and more",
+    )
+    """Least size of a finding as a share of a larger one next to it: of an effect over what comes again without a name,
+    of what is left over what is named."""
+    known_within: float = setting(25.0, 1.0, 1e6, fewer="suspects", more="causes of unknown size")
+    """Ratio of an interval's ends from which a positive number counts as not known at all."""
+    silent: float = setting(0.1, 0.0, 0.5, fewer="tests of one size", more="suspects by noise of a small part")
+    """Share of an effect's energy below which a half of the data says nothing of its size."""
+    twice: float = setting(2.0, 1.0, 100.0, fewer="suspects", more="pieces of other laws", by=RATES)
+    """Ratio of an effect's sizes in two halves from which it is no single effect; of dry friction between speeds, which
+    changes with speed, its square."""
+    unseen: float = setting(0.1, 0.0, 1.0, fewer="false lags behind a yielding shaft", more="missed ones")
+    """Part of a sample below which a lag is not distinguished from the hidden motion of a yielding shaft."""
+    rounds: int = setting(6, 2, 100, fewer="searches that end without a cause", more="work")
+    """Most searches; each after the first leaves out the suspects of those before."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rest(Checked):
+    """What is left that no effect explains."""
+
+    clearly: float = setting(2.0, 0.0, 1e3, fewer="false structure", more="missed structure")
+    """Gain, in least gains, from which structure is reported at all."""
+    certainly: float = setting(5.0, 0.0, 1e3, fewer="structure of few runs", more="missed structure")
+    """Gain, in least gains, above which it is reported although a few trajectories carry it."""
+    slow_t: float = setting(2.5, 0.0, 20.0, fewer="false drifts", more="missed ones")
+    """Least t of structure that is slow or has a memory: it differs between trajectories by chance, too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law(Checked):
+    """Whether the hysteresis has another shape than eq. 15's."""
+
+    margin: float = setting(0.15, 0.0, 1.0, fewer="false laws", more="missed ones", by=RATES)
+    """Share by which the held-out RMSE of another law must be lower than that of eq. 14 with its best effect."""
+    t: float = setting(3.0, 0.0, 20.0, fewer="false laws", more="missed ones", by=RATES)
+    """Least t of that gain, each trajectory by the logarithm of its error."""
+    simpler: float = setting(0.03, 0.0, 1.0, fewer="numbers without need", more="laws that are too simple")
+    """Share of the held-out RMSE within which a law with fewer numbers is taken instead."""
+    structured: float = setting(2.5, 1.0, 100.0, fewer="comparisons of laws", more="missed laws")
+    """Ratio of the mismatch to the noise from sample to sample below which no law is looked for."""
+    detail: float = setting(0.05, 0.0, 1.0, fewer="plain least squares", more="whitened misfits")
+    """Share of the torque's standard deviation up to which a mismatch or a shift of zeros is a detail."""
+    rivals: int = setting(3, 1, 20, fewer="false laws", more="work")
+    """Effects that are tried with eq. 14, and most that a first answer lists."""
+    half: float = setting(0.5, 0.0, 1.0, fewer="moved zeros", more="missed ones")
+    """Ratio of squared errors, with a zero for each trajectory to one for all, below which the zeros have moved."""
+    gap: float = setting(0.3, 0.0, 1.0, fewer="groups of zeros", more="all zeros as moved")
+    """Share of the zeros' range from which a gap between them separates the moved ones from the others."""
