@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from mrwarp.robot_logs.causes import Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, fit, replayed
+from mrwarp.robot_logs.likelihood import Likelihood, fit, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_diagnosis import FIT_SECONDS
 from mrwarp.robot_logs.robot_log import load_log
@@ -59,7 +59,7 @@ class HealthyLog:
     parameters: list[Parameter]
     theta: np.ndarray
     """Fitted, shape (P,)."""
-    evidence: Evidence
+    likelihood: Likelihood
 
     def level(self, hidden: Hidden) -> float | None:
         """Level of a cause [1]; None where the replay has no number for it."""
@@ -69,11 +69,11 @@ class HealthyLog:
         theta, (low, high) = self.theta.copy(), bounds_of(self.parameters)
         for k, value in change.items():
             theta[k] = low[k] = high[k] = value
-        _, about = replayed(self.evidence, self.model, self.windows, self.parameters, theta)
-        least = self._refitted(self.evidence, *bounds_of(self.parameters))
+        _, about = replayed(self.likelihood, self.model, self.windows, self.parameters, theta)
+        least = self._refitted(self.likelihood, *bounds_of(self.parameters))
         return float(np.sqrt(max(self._refitted(about, low, high) / least - 1.0, 0.0)))
 
-    def _refitted(self, about: Evidence, low: np.ndarray, high: np.ndarray) -> float:
+    def _refitted(self, about: Likelihood, low: np.ndarray, high: np.ndarray) -> float:
         """Weighted squared error that is left within bounds [1]; numbers that these hold are no healthy robot's."""
         prior, (information, score) = healthy(self.parameters) * about.scale, about.sums()
         x, _ = minimum_within(information + prior, score, low, high)
@@ -107,10 +107,10 @@ def healthy_log(cfg: LogCfg, device: str = "cpu") -> HealthyLog:
     parameters = parameters_of(model, log)
     windows = cut_windows(model, log, budget=FIT_SECONDS)
     low, high = bounds_of(parameters)
-    theta, evidence, _ = fit(
+    theta, likelihood, _ = fit(
         model, windows, parameters, np.zeros(len(parameters)), None, healthy(parameters), low, high, lambda _: None
     )
-    return HealthyLog(model=model, windows=windows, parameters=parameters, theta=theta, evidence=evidence)
+    return HealthyLog(model=model, windows=windows, parameters=parameters, theta=theta, likelihood=likelihood)
 
 
 def _change(hidden: Hidden, parameters: list[Parameter]) -> dict[int, float]:

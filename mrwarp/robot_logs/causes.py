@@ -16,12 +16,12 @@ Field = Literal[
     "com", "tilt", "bias", "mu", "slope", "give", "limit", "length", "clock", "coil", "coil_lag", "device", "drag",
     "latency", "foot", "pull", "scale",
 ]  # fmt: skip
-"""Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
+"""Array of a batch that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.ParameterBatch`."""
 
 ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia", "command_delay")
 """Numbers that descriptions rarely know: fitted in every case, and named where the log excludes the description."""
 
-SESSION = "session"
+NUISANCE = "nuisance"
 """Numbers of a healthy robot that are never a cause: where a joint settles in a session, how a fixed base stands, the
 time from a drive's reading to its torque, torques of all drives against masses of all links where the trunk is held."""
 
@@ -78,7 +78,7 @@ class Parameter:
     """Largest change: a limit that was never reached may lie anywhere above."""
     usual: tuple[float, float] = (0.0, 0.0)
     """Sizes that healthy robots have, lowest and highest."""
-    every_session: bool = False
+    always_free: bool = False
     """Whether it is fitted next to any cause though it may be one."""
     nominal: float = 0.0
     """Value that a change adds to; for ``kp``, ``kd`` and ``strength`` the change is relative to it."""
@@ -89,9 +89,9 @@ class Parameter:
         return self.field in ("kp", "kd", "strength", "mu", "limit", "coil", "device")
 
     @property
-    def of_session(self) -> bool:
+    def is_nuisance(self) -> bool:
         """Whether every session has its own, so that it is fitted next to any cause."""
-        return self.every_session or self.cause in (SESSION, *FLOOR)
+        return self.always_free or self.cause in (NUISANCE, *FLOOR)
 
     def absolute(self, change: float) -> float:
         """Value in ``unit`` that a change makes."""
@@ -129,8 +129,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     # coils show it next to any cause; in the air inertias and gains would be traded for it
     sizes = (0.0005, 0.0007 + row, 0.0015, 0.02)
     usual = (0.0, row + OWN_DELAY)
-    add("command_delay", "robot", "delay", "s", "delay", 0, *sizes, usual=usual, every_session=model.free)
-    add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
+    add("command_delay", "robot", "delay", "s", "delay", 0, *sizes, usual=usual, always_free=model.free)
+    add(NUISANCE, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
         add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)
     _of_links(add, model, log)
@@ -138,9 +138,9 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         _on_feet(add, model)
     else:
         for k, axis in enumerate(("roll", "pitch")):
-            add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
+            add(NUISANCE, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
         bounds = {"lowest": 1.0 / LARGEST_SCALE - 1.0, "highest": LARGEST_SCALE - 1.0}
-        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0, **bounds)
+        add(NUISANCE, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0, **bounds)
     return found
 
 
@@ -161,7 +161,7 @@ def _of_joint(add: Callable[..., None], model: ReplayModel, log: RobotLog, j: in
     add("stribeck", joint, "torque", "N·m", "stribeck", j, *slow, lowest=0.0)
     add("encoder_offset", joint, "angle", "rad", "offset", j, 0.005, 0.004, 0.010, 0.05)
     if log.kp[j] > 0.0:
-        add(SESSION, joint, "angle", "rad", "shift", j, 0.004, 0.005, np.inf, 0.0)
+        add(NUISANCE, joint, "angle", "rad", "shift", j, 0.004, 0.005, np.inf, 0.0)
         add("kp", joint, "gain", "N·m/rad", "kp", j, 0.05, 0.02, 0.04, 0.3, nominal=log.kp[j], lowest=-0.95)
     if log.kd[j] > 0.0:
         add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j], lowest=-0.95)

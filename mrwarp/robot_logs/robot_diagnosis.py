@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked, likely
 from mrwarp.diagnose.result import Error, Suspect, Unexplained, Value
 from mrwarp.robot_logs.causes import ORDINARY, OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, gather
+from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import FirstLook, first_look, fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
@@ -23,8 +23,8 @@ from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_va
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, sentence_of
 from mrwarp.robot_logs.selection import (
     WALKING,
-    Direction,
     Found,
+    Hypothesis,
     Posterior,
     bounds_of,
     bounds_without,
@@ -94,9 +94,9 @@ def diagnose_log(
     judged = _sized(case, judged)
     progress("before and after")
     judged, gain, errors = _before_and_after(case, judged)
-    evidence, parameters, found, size = judged.evidence, case.parameters, judged.found, judged.size
-    now = posterior(evidence, parameters, [f.direction for f in found])
-    named = [_named(f, found, size, evidence, parameters, now) for f in found]
+    likelihood, parameters, found, size = judged.likelihood, case.parameters, judged.found, judged.size
+    now = posterior(likelihood, parameters, [f.hypothesis for f in found])
+    named = [_named(f, found, size, likelihood, parameters, now) for f in found]
     causes = tuple(c for c in named if c.name not in OUTSIDE)
     extended = np.zeros(len(parameters))
     for cause in causes:
@@ -104,9 +104,9 @@ def diagnose_log(
             extended[k] = change
     progress("what no cause explains")
     unexplained = _outside(case, judged, named)
-    holds = friction_that_holds(evidence, case.model, log, case.groups, parameters, judged.theta)
-    shown = [d for f in [*found, *judged.rejected] for d in (f.direction, *f.alternatives)]
-    unknown = cannot_know(evidence, parameters, case.model, log, now, holds, shown)
+    holds = friction_that_holds(likelihood, case.model, log, case.groups, parameters, judged.theta)
+    shown = [d for f in [*found, *judged.rejected] for d in (f.hypothesis, *f.alternatives)]
+    unknown = cannot_know(likelihood, parameters, case.model, log, now, holds, shown)
     before, after = errors["all"]
     return RobotDiagnosis(
         verdict=VERDICTS[bool(causes), unexplained is not None],
@@ -120,7 +120,7 @@ def diagnose_log(
         extended=Error(rmse=after, nrmse=after / max(before, 1e-12), unit="healthy error"),
         gain=gain,
         per_joint={joint: _both(*errors[f"q.{joint}"]) for joint in case.model.joints},
-        per_channel={name: _both(*errors[name]) for name in evidence.sigma},
+        per_channel={name: _both(*errors[name]) for name in likelihood.sigma},
         session={p.where: float(size.size[k]) for k, p in enumerate(parameters) if p.field == "shift"},
         notes=tuple(_notes(case, judged, causes, now)),
         parameters=tuple(parameters),
@@ -149,16 +149,16 @@ class _Judged:
     """Causes of a log, and those that are not proven."""
 
     theta: np.ndarray
-    """The robot about which ``evidence`` is, shape (P,)."""
-    evidence: Evidence
-    rivals: dict[Direction, list[Direction]]
+    """The robot about which ``likelihood`` is, shape (P,)."""
+    likelihood: Likelihood
+    rivals: dict[Hypothesis, list[Hypothesis]]
     """Causes of drives with which the replay was nearly as good."""
     found: list[Found]
     rejected: list[Found]
     unclear: list[Found]
     """Of the rejected ones those whose intervals reach to what is no fault."""
     size: Sizes
-    near: Evidence
+    near: Likelihood
     """About the robot with the sizes of the causes."""
 
 
@@ -185,27 +185,27 @@ def _read(robot: Path, log: RobotLog, device: str, progress: Callable[[str], Non
 def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _Judged:
     """Causes that stand out about the robot that fits, and of these the ones that parts and the replay confirm."""
     model, groups, parameters = case.model, case.groups, case.parameters
-    theta, confirmed, evidence, rivals = fitted(model, case.part, parameters, progress, look)
+    theta, confirmed, likelihood, rivals = fitted(model, case.part, parameters, progress, look)
     if case.part is not groups:
-        evidence = gather(model, groups, parameters, theta, progress)
+        likelihood = gather(model, groups, parameters, theta, progress)
     progress("causes that stand out")
-    chosen = select(evidence, parameters, confirmed)
-    validated, _ = cross_validated(chosen, evidence, parameters)
+    chosen = select(likelihood, parameters, confirmed)
+    validated, _ = cross_validated(chosen, likelihood, parameters)
     # derivatives do not reach from a large cause to a robot without it: in the air, where errors fade, what the fit
     # needed is for the replay to judge alone; on feet, where they grow, both have to agree
-    found = [f for f in chosen if f in validated or (f.direction in confirmed and not model.free)]
+    found = [f for f in chosen if f in validated or (f.hypothesis in confirmed and not model.free)]
     rejected = [f for f in chosen if f not in found]
-    found, refuted = by_replay(found, model, groups, evidence, parameters, theta)
+    found, refuted = by_replay(found, model, groups, likelihood, parameters, theta)
     nothing = Sizes(size=np.zeros(len(parameters)), lone=np.zeros(len(parameters)), wider=1.0)
     return _Judged(
         theta=theta,
-        evidence=evidence,
+        likelihood=likelihood,
         rivals=rivals,
         found=found,
         rejected=rejected + refuted,
         unclear=[],
         size=nothing,
-        near=evidence,
+        near=likelihood,
     )
 
 
@@ -215,35 +215,35 @@ def _alone(
     found: list[Found],
     start: np.ndarray | None = None,
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
-) -> tuple[Sizes, Evidence]:
-    """Sizes of causes, fitted alone with the session's offsets from ``start``, (P,), and the evidence there."""
+) -> tuple[Sizes, Likelihood]:
+    """Sizes of causes, fitted alone with the session's offsets from ``start``, (P,), and the likelihood there."""
     model, groups, parameters = case.model, case.groups, case.parameters
     start, (low, high) = judged.theta if start is None else start, bounds or bounds_of(parameters)
-    released = [f.direction for f in found]
-    named = {k for d in released for k in d.members}
-    begin = np.where([k in named or p.of_session for k, p in enumerate(parameters)], start, 0.0)
-    size, near, free = fitted_alone(model, groups, parameters, released, begin, low, high)
-    own, prior, lone = [parameters[k] for k in free], np.zeros((len(free), len(free))), size[free]
-    lone[[k for k, p in enumerate(own) if p.of_session and free[k] not in named]] = 0.0
-    for d in released:
-        at = [free.index(k) for k in d.members]
+    free = [f.hypothesis for f in found]
+    named = {k for d in free for k in d.members}
+    begin = np.where([k in named or p.is_nuisance for k, p in enumerate(parameters)], start, 0.0)
+    size, near, indices = fitted_alone(model, groups, parameters, free, begin, low, high)
+    own, prior, lone = [parameters[k] for k in indices], np.zeros((len(indices), len(indices))), size[indices]
+    lone[[k for k, p in enumerate(own) if p.is_nuisance and indices[k] not in named]] = 0.0
+    for d in free:
+        at = [indices.index(k) for k in d.members]
         if uneven(d, model, parameters):
-            lone = searched(lone, at, model, groups, own, near, prior, low[free], high[free])
+            lone = searched(lone, at, model, groups, own, near, prior, low[indices], high[indices])
         else:
-            lone = near.sized(lone, at, low[free], high[free])
+            lone = near.sized(lone, at, low[indices], high[indices])
     each = size.copy()
-    each[free] = lone
+    each[indices] = lone
     sizes_ = Sizes(size=size, lone=each, wider=WALKING if model.free else 1.0)
-    return sizes_, _on_windows_of(judged.evidence, near, free)
+    return sizes_, _on_windows_of(judged.likelihood, near, indices)
 
 
 def _sized(case: _Case, judged: _Judged) -> _Judged:
     """The causes with clear sizes; where two are one robot, the likelier of them."""
     found, unclear, size, near = clear_ones(
-        judged.found, judged.evidence, case.parameters, lambda found: _alone(case, judged, found)
+        judged.found, judged.likelihood, case.parameters, lambda found: _alone(case, judged, found)
     )
     likely, other = likelier(found, size.size, case.parameters)
-    if [f.direction for f in likely] != [f.direction for f in found]:
+    if [f.hypothesis for f in likely] != [f.hypothesis for f in found]:
         size, near = _alone(case, judged, likely, other)
     rejected = judged.rejected + unclear
     return replace(judged, found=likely, rejected=rejected, unclear=unclear, size=size, near=near)
@@ -255,14 +255,14 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, dict[str, 
     What is outside the catalogue acts before and after.
     """
     found, size, near, wide = judged.found, judged.size, judged.near, bounds_of(case.parameters)
-    foreign = [f for f in found if f.direction.cause in OUTSIDE]
+    foreign = [f for f in found if f.hypothesis.cause in OUTSIDE]
     # a floor or a delay that is a fault is no part of the session before it is reported
-    usual = bounds_without(case.parameters, [f.direction for f in found if f not in foreign])
+    usual = bounds_without(case.parameters, [f.hypothesis for f in found if f not in foreign])
     before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, bounds=usual)
 
-    def errors_of(found: list[Found], near: Evidence) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
-        own = ([f.direction for f in foreign], before[1], usual), ([f.direction for f in found], near, wide)
-        return held_out(case.model, case.groups, judged.evidence, case.parameters, *own)
+    def errors_of(found: list[Found], near: Likelihood) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+        own = ([f.hypothesis for f in foreign], before[1], usual), ([f.hypothesis for f in found], near, wide)
+        return held_out(case.model, case.groups, judged.likelihood, case.parameters, *own)
 
     rejected, (gain, errors) = judged.rejected, errors_of(found, near)
     if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
@@ -270,19 +270,19 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, dict[str, 
         found, usual = foreign, wide
         size, near = before = _alone(case, judged, foreign)
         gain, errors = errors_of(found, near)
-    found = [replace(f, alternatives=(*f.alternatives, *judged.rivals.get(f.direction, ()))) for f in found]
+    found = [replace(f, alternatives=(*f.alternatives, *judged.rivals.get(f.hypothesis, ()))) for f in found]
     return replace(judged, found=found, rejected=rejected, size=size, near=near), gain, errors
 
 
 def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
     """Causes that are not proven, with the missing part of the proof."""
-    evidence, parameters, suspects = judged.evidence, case.parameters, []
+    likelihood, parameters, suspects = judged.likelihood, case.parameters, []
     both = [*judged.found, *judged.rejected]
-    released = [f.direction for f in both]
-    beliefs = posterior(evidence, parameters, released)
-    for f in (f for f in judged.rejected if f.direction.cause not in OUTSIDE):
-        about = sizes(evidence.likelihood(), parameters, released, *bounds_of(parameters))
-        c = _named(f, both, replace(judged.size, size=about, lone=about), evidence, parameters, beliefs)
+    free = [f.hypothesis for f in both]
+    beliefs = posterior(likelihood, parameters, free)
+    for f in (f for f in judged.rejected if f.hypothesis.cause not in OUTSIDE):
+        about = sizes(likelihood.normal_equations(), parameters, free, *bounds_of(parameters))
+        c = _named(f, both, replace(judged.size, size=about, lone=about), likelihood, parameters, beliefs)
         reason = NOT_CLEAR if f in judged.unclear else NOT_PREDICTED
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
     return tuple(suspects)
@@ -290,10 +290,10 @@ def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
 
 def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplained | None:
     """Effects outside the catalogue: those that act always, among the causes, and pushes at times."""
-    pushed = pushes(judged.evidence, case.model, case.groups, case.parameters, judged.theta)
+    pushed = pushes(judged.likelihood, case.model, case.groups, case.parameters, judged.theta)
     acting = outside(pushed, case.groups, case.log)
     always = [
-        steady(f.direction, next(iter(c.parameters.values())).value, c.gain, case.log, case.parameters)
+        steady(f.hypothesis, next(iter(c.parameters.values())).value, c.gain, case.log, case.parameters)
         for f, c in zip(judged.found, named, strict=True)
         if c.name in OUTSIDE
     ]
@@ -322,10 +322,10 @@ def _notes(case: _Case, judged: _Judged, causes: Sequence[NamedCause], now: Post
             f"less friction than described at {', '.join(dict.fromkeys(less))}: the description has too much, "
             "or a controller compensates friction and the log's command does not have it"
         )
-    if judged.evidence.lost:
+    if judged.likelihood.lost:
         notes.append(
-            f"{judged.evidence.lost} pieces of the log were left out: something else moved the robot there, "
-            f"at {_when(case.log, case.groups, judged.evidence.keep)}"
+            f"{judged.likelihood.lost} pieces of the log were left out: something else moved the robot there, "
+            f"at {_when(case.log, case.groups, judged.likelihood.keep)}"
         )
     return notes
 
@@ -338,14 +338,14 @@ def _first_answer(
     Where no fault stands out, what descriptions rarely know may: of that the changes as large as a fault.
     """
     unknown, found = float("nan"), []
-    moved = np.abs(look.begin - look.session)
+    moved = np.abs(look.guess - look.nuisance)
     ordinary = [
-        Direction(cause=p.cause, where=p.where, members=(k,))
+        Hypothesis(cause=p.cause, where=p.where, members=(k,))
         for k, p in enumerate(parameters)
         if p.cause in ORDINARY and moved[k] > p.least
     ]
-    for d in look.loudest or ordinary:
-        change = {k: float(look.begin[k]) for k in d.members}
+    for d in look.guessed or ordinary:
+        change = {k: float(look.guess[k]) for k in d.members}
         first = parameters[d.members[0]]
         values = _values(first, float(np.mean(list(change.values()))), unknown)
         found.append(
@@ -400,43 +400,43 @@ def _when(log: RobotLog, groups: list[Windows], keep: np.ndarray) -> str:
 
 
 def _named(
-    f: Found, found: list[Found], size: Sizes, evidence: Evidence, parameters: list[Parameter], now: Posterior
+    f: Found, found: list[Found], size: Sizes, likelihood: Likelihood, parameters: list[Parameter], now: Posterior
 ) -> NamedCause:
     """A cause with its size and what it explains."""
-    others = [x.direction for x in found if x is not f]
-    first = parameters[own_members(f.direction, others)[0]]
-    mean, half = size.of(f.direction, [x.direction for x in found], now, parameters)
+    others = [x.hypothesis for x in found if x is not f]
+    first = parameters[own_members(f.hypothesis, others)[0]]
+    mean, half = size.of(f.hypothesis, [x.hypothesis for x in found], now, parameters)
     if first.field == "delay":
         mean, half = mean - OWN_DELAY, half + OWN_DELAY
     values = _values(first, mean, half)
     early = first.field == "delay" and mean < 0.0  # none acts before it was given: the commands' stamps are late
     if early:
         values = {"shift": Value(value=-mean, ci95=(-mean - half, -mean + half), unit=first.unit)}
-    full = evidence.at(now.mean)
-    without = posterior(evidence, parameters, others).mean.copy()
-    without[list(f.direction.members)] = 0.0
+    full = likelihood.at(now.mean)
+    without = posterior(likelihood, parameters, others).mean.copy()
+    without[list(f.hypothesis.members)] = 0.0
     return NamedCause(
-        name="clock_shift" if early else f.direction.cause,
-        where="commands" if early else f.direction.where,
+        name="clock_shift" if early else f.hypothesis.cause,
+        where="commands" if early else f.hypothesis.where,
         parameters=values,
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
-        alternatives=tuple(dict.fromkeys(_place(d, f.direction.where) for d in f.alternatives)),
-        gain=float(max(1.0 - full / max(evidence.at(without), 1e-12), 0.0)),
-        change={k: float(size.size[k]) for k in f.direction.members},
+        alternatives=tuple(dict.fromkeys(_place(d, f.hypothesis.where) for d in f.alternatives)),
+        gain=float(max(1.0 - full / max(likelihood.at(without), 1e-12), 0.0)),
+        change={k: float(size.size[k]) for k in f.hypothesis.members},
     )
 
 
-def _place(direction: Direction, here: str) -> str:
-    return direction.cause if direction.where == here else f"{direction.cause} of {direction.where}"
+def _place(hypothesis: Hypothesis, here: str) -> str:
+    return hypothesis.cause if hypothesis.where == here else f"{hypothesis.cause} of {hypothesis.where}"
 
 
-def _on_windows_of(evidence: Evidence, near: Evidence, free: list[int]) -> Evidence:
-    """Evidence of ``near`` on its ``free`` parameters, in the shapes of ``evidence``; without windows it left out."""
-    a, b = np.zeros_like(evidence.information), np.zeros_like(evidence.score)
-    here, there = np.flatnonzero(near.keep[evidence.keep]), np.flatnonzero(evidence.keep[near.keep])
-    own = np.array(free, dtype=int)
+def _on_windows_of(likelihood: Likelihood, near: Likelihood, indices: list[int]) -> Likelihood:
+    """The likelihood ``near`` of the parameters ``indices``, in the shapes of ``likelihood``; 0 in windows left out."""
+    a, b = np.zeros_like(likelihood.information), np.zeros_like(likelihood.score)
+    here, there = np.flatnonzero(near.keep[likelihood.keep]), np.flatnonzero(likelihood.keep[near.keep])
+    own = np.array(indices, dtype=int)
     a[np.ix_(here, own, own)], b[np.ix_(here, own)] = near.information[there], near.score[there]
-    return replace(evidence, information=a, score=b, scale=near.scale)
+    return replace(likelihood, information=a, score=b, scale=near.scale)
 
 
 def _both(before: float, after: float) -> dict[str, float]:

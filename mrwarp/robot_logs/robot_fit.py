@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
-from mrwarp.robot_logs.evidence import Evidence, fit, gather, left_by_each, replayed
+from mrwarp.robot_logs.causes import NUISANCE, ORDINARY, Parameter
+from mrwarp.robot_logs.likelihood import Likelihood, fit, gather, left_by_each, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import cross_validated
 from mrwarp.robot_logs.selection import (
     DRIVE,
     NAMED_ODDS,
     RIVAL_ODDS,
-    Direction,
     Found,
+    Hypothesis,
     bounds_of,
-    directions_of,
     healthy,
+    hypotheses_of,
     payload_of,
     prior_of,
     select,
@@ -32,8 +32,8 @@ from mrwarp.robot_logs.windows import Windows
 ROUNDS = 4
 """Times that outstanding numbers are freed and the robot fitted again."""
 
-LOUD, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
-"""Directions that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
+GUESSES, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
+"""Hypotheses that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
 one after the other."""
 
 SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
@@ -44,13 +44,13 @@ SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
 class FirstLook:
     """Where a fit begins."""
 
-    session: np.ndarray
-    """The described robot in this session, shape (P,)."""
-    described: Evidence
+    nuisance: np.ndarray
+    """The described robot with the nuisances of this session, shape (P,)."""
+    described: Likelihood
     """About that robot."""
-    begin: np.ndarray
+    guess: np.ndarray
     """A robot with the fault that stands out, shape (P,)."""
-    loudest: list[Direction]
+    guessed: list[Hypothesis]
     """That fault; empty where none does."""
 
 
@@ -58,13 +58,13 @@ def first_look(
     model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None]
 ) -> FirstLook:
     """The described robot in this session, and of single changes that with which the replay is best."""
-    session = np.zeros(len(parameters))
+    nuisance = np.zeros(len(parameters))
     if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
-        session = _session(model, groups, parameters)
-    described = gather(model, groups, parameters, session, progress)
+        nuisance = _nuisances(model, groups, parameters)
+    described = gather(model, groups, parameters, nuisance, progress)
     progress("single causes")
-    begin, loudest = _loudest(model, groups, parameters, described, session)
-    return FirstLook(session=session, described=described, begin=begin, loudest=loudest)
+    guess, guessed = _initial_guess(model, groups, parameters, described, nuisance)
+    return FirstLook(nuisance=nuisance, described=described, guess=guess, guessed=guessed)
 
 
 def fitted(
@@ -73,90 +73,92 @@ def fitted(
     parameters: list[Parameter],
     progress: Callable[[str], None],
     look: FirstLook | None = None,
-) -> tuple[np.ndarray, list[Direction], Evidence, dict[Direction, list[Direction]]]:
-    """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it.
+) -> tuple[np.ndarray, list[Hypothesis], Likelihood, dict[Hypothesis, list[Hypothesis]]]:
+    """The robot around which the log is judged, shape (P,), what had to be set free for it, the likelihood about it.
 
-    And of causes of drives that were released, the others with which the replay was nearly as good. ``look`` is the
+    And of causes of drives that were set free, the others with which the replay was nearly as good. ``look`` is the
     :func:`first_look` where it has been taken.
     """
     look = look or first_look(model, groups, parameters, progress)
-    theta, described, begin, loudest = look.session, look.described, look.begin, look.loudest
-    released: list[Direction] = []
-    evidence = described
-    fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
-    rivals: dict[Direction, list[Direction]] = {}
+    theta, described, guess, guessed = look.nuisance, look.described, look.guess, look.guessed
+    free: list[Hypothesis] = []
+    likelihood = described
+    fits: dict[frozenset[Hypothesis], tuple[np.ndarray, list[Hypothesis]]] = {}
+    rivals: dict[Hypothesis, list[Hypothesis]] = {}
 
-    def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence) -> float:
-        seen, _ = replayed(evidence, model, groups, parameters, theta)
-        return float(seen / evidence.scale + theta @ prior_of(parameters, directions) @ theta)
+    def left(theta: np.ndarray, hypotheses: list[Hypothesis], likelihood: Likelihood) -> float:
+        seen, _ = replayed(likelihood, model, groups, parameters, theta)
+        return float(seen / likelihood.scale + theta @ prior_of(parameters, hypotheses) @ theta)
 
     for round_ in range(ROUNDS):
-        found = loudest
-        if round_ or not loudest:
+        found = guessed
+        if round_ or not guessed:
             # what does not predict what it did not see is no cause, and would only lead the fit astray
-            seen, _ = cross_validated(select(evidence, parameters), evidence, parameters)
-            found = [f.direction for f in seen if f.direction.cause not in ORDINARY]
+            seen, _ = cross_validated(select(likelihood, parameters), likelihood, parameters)
+            found = [f.hypothesis for f in seen if f.hypothesis.cause not in ORDINARY]
         # common causes go first: those at single places may only stand for them
         common = [d for d in found if len(d.members) > 1]
-        wanted = common if common and common != released else found
+        wanted = common if common and common != free else found
         if frozenset(wanted) in fits:  # the last fit asks for itself, or two ask for each other
             break
-        released = wanted
+        free = wanted
         low, high = bounds_of(parameters)
         idle = [k for k, p in enumerate(parameters) if p.field == "limit" and not any(k in d.members for d in wanted)]
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
 
         def refit(
-            directions: list[Direction],
+            hypotheses: list[Hypothesis],
             sizes: Mapping[int, float] | None = None,
             twin: np.ndarray | None = None,
             start: np.ndarray = theta,
-            evidence: Evidence = evidence,
+            likelihood: Likelihood = likelihood,
             bounds: tuple[np.ndarray, np.ndarray] = (low, high),
-        ) -> tuple[np.ndarray, Evidence, bool]:
+        ) -> tuple[np.ndarray, Likelihood, bool]:
             if twin is not None:
                 start = np.clip(twin, *bounds)
-            elif directions:
-                first = np.clip(begin, *bounds)
-                first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
+            elif hypotheses:
+                first = np.clip(guess, *bounds)
+                first[[k for d in guessed if d not in hypotheses for k in d.members]] = 0.0
                 for k, size in (sizes or {}).items():
                     first[k] = size
-                start, _, _ = fitted_alone(model, groups, parameters, directions, first, *bounds, described)
-            _, evidence = replayed(evidence, model, groups, parameters, start)
-            prior = prior_of(parameters, directions)
-            return fit(model, groups, parameters, start, evidence, prior, *bounds, progress)
+                start, _, _ = fitted_alone(model, groups, parameters, hypotheses, first, *bounds, described)
+            _, likelihood = replayed(likelihood, model, groups, parameters, start)
+            prior = prior_of(parameters, hypotheses)
+            return fit(model, groups, parameters, start, likelihood, prior, *bounds, progress)
 
-        theta, evidence, fresh = refit(released)
-        theta, released, evidence, fresh = _one_drive(
-            theta, released, evidence, fresh, parameters, refit, functools.partial(left, evidence=evidence), rivals
+        theta, likelihood, fresh = refit(free)
+        theta, free, likelihood, fresh = _one_drive(
+            theta, free, likelihood, fresh, parameters, refit, functools.partial(left, likelihood=likelihood), rivals
         )
-        fits[frozenset(wanted)] = fits[frozenset(released)] = theta, released
+        fits[frozenset(wanted)] = fits[frozenset(free)] = theta, free
         if not fresh:
-            evidence = gather(model, groups, parameters, theta, progress)
+            likelihood = gather(model, groups, parameters, theta, progress)
     if len(others := {id(x): (x, own) for x, own in fits.values()}) > 1:  # the likeliest one stands
-        worth = {key: left(*fit_, evidence) + NAMED_ODDS * len(fit_[1]) for key, fit_ in others.items()}
+        worth = {key: left(*fit_, likelihood) + NAMED_ODDS * len(fit_[1]) for key, fit_ in others.items()}
         if (best := min(worth, key=lambda key: worth[key])) != id(theta):
-            theta, released = others[best]
-            evidence = gather(model, groups, parameters, theta, progress)
-    return theta, released, evidence, rivals
+            theta, free = others[best]
+            likelihood = gather(model, groups, parameters, theta, progress)
+    return theta, free, likelihood, rivals
 
 
-def _session(model: ReplayModel, groups: list[Windows], parameters: list[Parameter]) -> np.ndarray:
+def _nuisances(model: ReplayModel, groups: list[Windows], parameters: list[Parameter]) -> np.ndarray:
     """Numbers of every session, fitted alone, (P,): the commands' delay by search, the rest fitted again for each.
 
     Coils read what rows command, step by step: derivatives do not say how far off the right row is.
     """
     low, high = bounds_of(parameters)
-    theta, evidence, free = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), low, high)
-    own = [parameters[k] for k in free]
+    theta, likelihood, indices = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), low, high)
+    own = [parameters[k] for k in indices]
     late = [k for k, p in enumerate(own) if p.field == "delay"]
     moved = theta.copy()
     prior = prior_of(own, [])
-    moved[free] = searched(theta[free], late, model, groups, own, evidence, prior, low[free], high[free])
-    if (np.abs(moved - theta)[free][late] < [own[k].least for k in late]).all():
+    moved[indices] = searched(theta[indices], late, model, groups, own, likelihood, prior, low[indices], high[indices])
+    if (np.abs(moved - theta)[indices][late] < [own[k].least for k in late]).all():
         return theta
-    _, evidence = replayed(evidence, model, groups, own, moved[free])
-    moved[free], _, _ = fit(model, groups, own, moved[free], evidence, prior, low[free], high[free], lambda _: None)
+    _, likelihood = replayed(likelihood, model, groups, own, moved[indices])
+    moved[indices], _, _ = fit(
+        model, groups, own, moved[indices], likelihood, prior, low[indices], high[indices], lambda _: None
+    )
     return moved
 
 
@@ -164,39 +166,53 @@ def fitted_alone(
     model: ReplayModel,
     groups: list[Windows],
     parameters: list[Parameter],
-    released: list[Direction],
+    free: list[Hypothesis],
     begin: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    described: Evidence | None = None,
-) -> tuple[np.ndarray, Evidence, list[int]]:
-    """The robot with ``released`` and the session's offsets fitted alone by the replay, from ``begin``, (P,).
+    described: Likelihood | None = None,
+) -> tuple[np.ndarray, Likelihood, list[int]]:
+    """The robot with ``free`` and the session's offsets fitted alone by the replay, from ``begin``, (P,).
 
     Far from the truth, where derivatives say little, the other numbers would take up what a large fault leaves.
-    ``described`` is evidence about the robot as described; without it derivatives are taken at ``begin``.
+    ``described`` is the likelihood about the robot as described; without it derivatives are taken at ``begin``.
 
     Returns:
-        Parameters, shape (P,); evidence about them of those that were free; and which these are.
+        Parameters, shape (P,); the likelihood about them of those that were fitted; and which these are.
     """
-    named = {k for d in released for k in d.members}
-    free = sorted(named | {k for k, p in enumerate(parameters) if p.of_session or begin[k] != 0.0})
-    own = [parameters[k] for k in free]
-    prior = prior_of(own, [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released])
-    start, evidence = np.clip(begin[free], low[free], high[free]), described.of(free) if described else None
-    if evidence is not None and start.any():
-        _, evidence = replayed(evidence, model, groups, own, start)
+    named = {k for d in free for k in d.members}
+    indices = sorted(named | {k for k, p in enumerate(parameters) if p.is_nuisance or begin[k] != 0.0})
+    own = [parameters[k] for k in indices]
+    prior = prior_of(own, [replace(d, members=tuple(indices.index(k) for k in d.members)) for d in free])
+    start, likelihood = (
+        np.clip(begin[indices], low[indices], high[indices]),
+        described.of(indices) if described else None,
+    )
+    if likelihood is not None and start.any():
+        _, likelihood = replayed(likelihood, model, groups, own, start)
     found = np.zeros(len(parameters))
-    found[free], evidence, _ = fit(
-        model, groups, own, start, evidence, prior, low[free], high[free], lambda _: None, renew=int(bool(described))
+    found[indices], likelihood, _ = fit(
+        model,
+        groups,
+        own,
+        start,
+        likelihood,
+        prior,
+        low[indices],
+        high[indices],
+        lambda _: None,
+        renew=int(bool(described)),
     )
     if described is None:
-        for d in (d for d in released if uneven(d, model, parameters)):
-            members = [free.index(k) for k in d.members]
-            found[free] = searched(found[free], members, model, groups, own, evidence, prior, low[free], high[free])
-    return found, evidence, free
+        for d in (d for d in free if uneven(d, model, parameters)):
+            members = [indices.index(k) for k in d.members]
+            found[indices] = searched(
+                found[indices], members, model, groups, own, likelihood, prior, low[indices], high[indices]
+            )
+    return found, likelihood, indices
 
 
-def uneven(d: Direction, model: ReplayModel, parameters: list[Parameter]) -> bool:
+def uneven(d: Hypothesis, model: ReplayModel, parameters: list[Parameter]) -> bool:
     """Whether derivatives do not say a cause's size to the end: on feet of any, in the air of limits and delays."""
     return model.free or parameters[d.members[0]].field in ("limit", "delay")
 
@@ -207,7 +223,7 @@ def searched(
     model: ReplayModel,
     groups: list[Windows],
     parameters: list[Parameter],
-    evidence: Evidence,
+    likelihood: Likelihood,
     prior: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
@@ -220,7 +236,9 @@ def searched(
     def at(times: float) -> tuple[float, np.ndarray]:
         new = x.copy()
         new[members] = np.clip(times * new[members], low[members], high[members])
-        return replayed(evidence, model, groups, parameters, new)[0] / evidence.scale + float(new @ prior @ new), new
+        return replayed(likelihood, model, groups, parameters, new)[0] / likelihood.scale + float(
+            new @ prior @ new
+        ), new
 
     sizes, seen = [1.0 / SEARCHED, 1.0, SEARCHED], {}
     for _ in range(SEARCHES):
@@ -243,9 +261,9 @@ def searched(
     return seen[best][1]
 
 
-def _loudest(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Evidence, theta: np.ndarray
-) -> tuple[np.ndarray, list[Direction]]:
+def _initial_guess(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Likelihood, theta: np.ndarray
+) -> tuple[np.ndarray, list[Hypothesis]]:
     """A robot where a fit can begin, (P,), and the fault in it, if any: of single changes that which replays like best.
 
     Derivatives about the described robot in this session, ``theta``, end where a foot lifts: in sum, many small changes
@@ -256,16 +274,16 @@ def _loudest(
     low, high = bounds_of(parameters)
     usual = healthy(parameters)
     a, _ = described.sums()
-    directions = [d for d in directions_of(parameters) if d.cause != SESSION]
+    hypotheses = [d for d in hypotheses_of(parameters) if d.cause != NUISANCE]
     # a session's numbers, fitted without the change, have taken up what they can of it: they follow
-    session = np.array([p.of_session and model.free for p in parameters])
-    plain = np.stack([vector(d, parameters) for d in directions])
-    follow = np.linalg.solve((a / described.scale + usual)[np.ix_(session, session)], a[session] @ plain.T)
+    nuisance = np.array([p.is_nuisance and model.free for p in parameters])
+    plain = np.stack([vector(d, parameters) for d in hypotheses])
+    follow = np.linalg.solve((a / described.scale + usual)[np.ix_(nuisance, nuisance)], a[nuisance] @ plain.T)
     changes = plain.copy()
-    changes[:, session] -= np.where(plain[:, session].any(axis=1), 0.0, follow / described.scale).T
+    changes[:, nuisance] -= np.where(plain[:, nuisance].any(axis=1), 0.0, follow / described.scale).T
     information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
 
-    own = sizes_of_their_own(directions, model, groups, parameters)
+    own = sizes_of_their_own(hypotheses, model, groups, parameters)
 
     def seen(*robots: np.ndarray) -> list[float]:
         return left_by_each(described, model, groups, parameters, np.array(robots)).tolist()
@@ -292,10 +310,10 @@ def _loudest(
     for pick in range(PICKS):
         pull = replayed(described, model, groups, parameters, theta)[1].sums()[1] - a @ theta
         score = changes @ pull
-        tried: list[tuple[np.ndarray, Direction, float]] = []
-        loud = np.argsort(-(score**2) / information)[:LOUD].tolist()
+        tried: list[tuple[np.ndarray, Hypothesis, float]] = []
+        loud = np.argsort(-(score**2) / information)[:GUESSES].tolist()
         for k in dict.fromkeys([*loud, *own]):
-            d, prior = directions[k], prior_of(parameters, [directions[k]])
+            d, prior = hypotheses[k], prior_of(parameters, [hypotheses[k]])
             along = plain[k] if k in own else changes[k]
             for size in own.get(k, [times * score[k] / information[k] for times in MULTIPLES]):
                 new = np.clip(theta + size * along, low, high)
@@ -316,14 +334,14 @@ def _loudest(
         new, d = taken
         # of its best size: what a pick leaves by its size, others would be blamed for
         new = searched(new, list(d.members), model, groups, parameters, described, prior_of(parameters, [d]), low, high)
-        alone = np.where(session & ~plain[directions.index(d)].astype(bool), 0.0, new - theta)
+        alone = np.where(nuisance & ~plain[hypotheses.index(d)].astype(bool), 0.0, new - theta)
         theta, (here,) = new, seen(new)
         if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
             return theta, [d]
     return theta, []
 
 
-def _same_drive(own: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
+def _same_drive(own: Hypothesis, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
     """An equal robot, (P,), with the motors, Kp and Kd of ``own``'s joints such that the other two are the healthiest.
 
     A drive gives its strength times what its gains ask for: only products of it and a gain follow from a replay.
@@ -344,7 +362,7 @@ def _same_drive(own: Direction, theta: np.ndarray, parameters: list[Parameter]) 
     return found
 
 
-def _twin(own: Direction, other: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray | None:
+def _twin(own: Hypothesis, other: Hypothesis, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray | None:
     """Of a robot whose Kp is another at all joints, that whose Kd is, with another torque scale, and back; (P,).
 
     No log of a robot that is held distinguishes the two except by that scale. None where the session has no scale.
@@ -368,21 +386,21 @@ def likelier(found: list[Found], theta: np.ndarray, parameters: list[Parameter])
     """
     found = list(found)
     for k, f in enumerate(found):
-        for other in (d for d in directions_of(parameters) if d.where == "robot" and d != f.direction):
-            twin = _twin(f.direction, other, theta, parameters)
+        for other in (d for d in hypotheses_of(parameters) if d.where == "robot" and d != f.hypothesis):
+            twin = _twin(f.hypothesis, other, theta, parameters)
             if twin is None:
                 continue
-            less = _unlikely(f.direction, theta, parameters) - _unlikely(other, twin, parameters)
+            less = _unlikely(f.hypothesis, theta, parameters) - _unlikely(other, twin, parameters)
             if less > -2.0 * RIVAL_ODDS:
-                likely, rival = (other, f.direction) if less > 0.0 else (f.direction, other)
+                likely, rival = (other, f.hypothesis) if less > 0.0 else (f.hypothesis, other)
                 alternatives = dict.fromkeys([rival, *(d for d in f.alternatives if d != likely)])
-                found[k] = replace(f, direction=likely, alternatives=tuple(alternatives))
+                found[k] = replace(f, hypothesis=likely, alternatives=tuple(alternatives))
                 theta = twin if less > 0.0 else theta
                 break
     return found, theta
 
 
-def _unlikely(own: Direction, theta: np.ndarray, parameters: list[Parameter]) -> float:
+def _unlikely(own: Hypothesis, theta: np.ndarray, parameters: list[Parameter]) -> float:
     """How unlikely a cause at all joints is with its torque scale: twice a negative logarithm of the prior."""
     (scale,) = (p for p in parameters if p.field == "scale")
     at = theta[parameters.index(scale)]
@@ -394,27 +412,27 @@ def _unlikely(own: Direction, theta: np.ndarray, parameters: list[Parameter]) ->
 
 def _one_drive(
     theta: np.ndarray,
-    released: list[Direction],
-    evidence: Evidence,
+    free: list[Hypothesis],
+    likelihood: Likelihood,
     fresh: bool,
     parameters: list[Parameter],
     refit: Callable[
-        [list[Direction], Mapping[int, float] | None, np.ndarray | None], tuple[np.ndarray, Evidence, bool]
+        [list[Hypothesis], Mapping[int, float] | None, np.ndarray | None], tuple[np.ndarray, Likelihood, bool]
     ],
-    left: Callable[[np.ndarray, list[Direction]], float],
-    rivals: dict[Direction, list[Direction]],
-) -> tuple[np.ndarray, list[Direction], Evidence, bool]:
+    left: Callable[[np.ndarray, list[Hypothesis]], float],
+    rivals: dict[Hypothesis, list[Hypothesis]],
+) -> tuple[np.ndarray, list[Hypothesis], Likelihood, bool]:
     """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's.
 
     Those with which it is nearly as good are added to ``rivals``.
     """
-    for place in dict.fromkeys(d.where for d in released if d.cause in DRIVE):
-        own = [d for d in released if d.cause in DRIVE and d.where == place]
-        rest = [d for d in released if d not in own]
-        both = left(theta, released)
-        best, least = (theta, released, evidence, fresh), both - 2.0 * NAMED_ODDS * (len(own) > 1)
+    for place in dict.fromkeys(d.where for d in free if d.cause in DRIVE):
+        own = [d for d in free if d.cause in DRIVE and d.where == place]
+        rest = [d for d in free if d not in own]
+        both = left(theta, free)
+        best, least = (theta, free, likelihood, fresh), both - 2.0 * NAMED_ODDS * (len(own) > 1)
         alone = {own[0]: both} if len(own) == 1 else {}
-        for other in directions_of(parameters):
+        for other in hypotheses_of(parameters):
             if other.cause not in DRIVE or other.where != place or len(other.members) != len(own[0].members):
                 continue
             if own == [other]:
@@ -434,7 +452,7 @@ def _one_drive(
                 alone[d] = min(alone[d], now := left(new, [*rest, d]))
                 if now < least:
                     best, least = (new, [*rest, d], seen, near), now
-        theta, released, evidence, fresh = best
-        for d in (d for d in released if d in alone):
+        theta, free, likelihood, fresh = best
+        for d in (d for d in free if d in alone):
             rivals[d] = [x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * RIVAL_ODDS]
-    return theta, released, evidence, fresh
+    return theta, free, likelihood, fresh

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from mrwarp.robot_logs.causes import ORDINARY, Parameter
-from mrwarp.robot_logs.evidence import Evidence, fit, losses, replayed
+from mrwarp.robot_logs.likelihood import Likelihood, fit, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.selection import (
     LEAST_SHARE,
     PARTS,
-    Direction,
     Found,
+    Hypothesis,
     Posterior,
     bounds_without,
     common,
@@ -55,49 +55,49 @@ class Sizes:
     """Factor on intervals."""
 
     def of(
-        self, d: Direction, released: list[Direction], now: Posterior, parameters: list[Parameter]
+        self, d: Hypothesis, free: list[Hypothesis], now: Posterior, parameters: list[Parameter]
     ) -> tuple[float, float]:
-        """Size of one of the causes ``released``, and half of its interval."""
-        members = own_members(d, released)
+        """Size of one of the causes ``free``, and half of its interval."""
+        members = own_members(d, free)
         size, lone = (float(x[members].mean()) for x in (self.size, self.lone))
         return size, half_width(members, size, now, parameters, wider=self.wider, lone=lone)
 
 
 def cross_validated(
-    found: list[Found], evidence: Evidence, parameters: list[Parameter]
+    found: list[Found], likelihood: Likelihood, parameters: list[Parameter]
 ) -> tuple[list[Found], list[Found]]:
     """Causes without which pieces of the log that took no part are predicted worse, and the others."""
 
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
-        loss = _predicted(evidence, parameters, found, None)
-        return [_predicted(evidence, parameters, found, one) - loss for one in tried]
+        loss = _predicted(likelihood, parameters, found, None)
+        return [_predicted(likelihood, parameters, found, one) - loss for one in tried]
 
-    return _certain(found, without, evidence, parameters)
+    return _certain(found, without, likelihood, parameters)
 
 
 def by_replay(
     found: list[Found],
     model: ReplayModel,
     groups: list[Windows],
-    evidence: Evidence,
+    likelihood: Likelihood,
     parameters: list[Parameter],
     fitted: np.ndarray,
 ) -> tuple[list[Found], list[Found]]:
     """Causes without which the replay itself, fitted again, is worse, and those that only its derivatives ask for.
 
     A step of a leg is far from linear: next to a large fault derivatives blame neighbours for what the replay with
-    them does not show. ``fitted``, (P,), is the robot that ``evidence`` is about.
+    them does not show. ``fitted``, (P,), is the robot that ``likelihood`` is about.
     """
 
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
-        about, base, least, left = evidence, fitted, -np.inf, []
+        about, base, least, left = likelihood, fitted, -np.inf, []
         for one in (None, *tried):
             q, low, high = _without(parameters, found, one)
-            a, b = about.likelihood()
+            a, b = about.normal_equations()
             # where derivatives say, or without the cause alone: the better one, for derivatives may lead far astray
             starts = minimum_within(a + q, b, low, high)[0], np.clip(base, low, high)
-            seen = [replayed(evidence, model, groups, parameters, x) for x in starts]
-            worth = [value / evidence.scale + float(x @ q @ x) for x, (value, _) in zip(starts, seen, strict=True)]
+            seen = [replayed(likelihood, model, groups, parameters, x) for x in starts]
+            worth = [value / likelihood.scale + float(x @ q @ x) for x, (value, _) in zip(starts, seen, strict=True)]
             begin = int(np.argmin(worth))
             theta, here = starts[begin], seen[begin][1]
             if not worth[begin] <= least:  # else it is as good without the cause, and a fit would make it better
@@ -105,36 +105,36 @@ def by_replay(
                     model, groups, parameters, theta, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
                 )
             # the windows' own steps judge: of long ones a window's error is as large as what a small cause changes
-            each = np.tile(theta, (len(evidence.square), 1))
-            each = evidence.weight * losses(evidence, model, groups, parameters, each)[0]
+            each = np.tile(theta, (len(likelihood.square), 1))
+            each = likelihood.weight * losses(likelihood, model, groups, parameters, each)[0]
             if one is None and np.isfinite(worth[begin]):
-                about, base, least = here, theta, float(here.at(theta) / evidence.scale + theta @ q @ theta)
-            left.append(each + evidence.scale * float(theta @ q @ theta) / len(each))
+                about, base, least = here, theta, float(here.at(theta) / likelihood.scale + theta @ q @ theta)
+            left.append(each + likelihood.scale * float(theta @ q @ theta) / len(each))
         broke = ~np.isfinite(left).all(axis=0)
         return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]
 
-    return _certain(found, without, evidence, parameters, {} if model.free else model.limbs)
+    return _certain(found, without, likelihood, parameters, {} if model.free else model.limbs)
 
 
 def clear_ones(
     found: list[Found],
-    evidence: Evidence,
+    likelihood: Likelihood,
     parameters: list[Parameter],
-    alone: Callable[[list[Found]], tuple[Sizes, Evidence]],
-) -> tuple[list[Found], list[Found], Sizes, Evidence]:
+    alone: Callable[[list[Found]], tuple[Sizes, Likelihood]],
+) -> tuple[list[Found], list[Found], Sizes, Likelihood]:
     """Causes whose 95 % intervals exclude the sizes of healthy robots, and the others, the least clear taken out first.
 
     ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
     """
-    fits: dict[int, tuple[Sizes, Evidence]] = {}
+    fits: dict[int, tuple[Sizes, Likelihood]] = {}
 
     def certainty(found: list[Found]) -> list[float]:
         size, _ = fits[len(found)] = alone(found)
-        released = [f.direction for f in found]
-        now, clear = posterior(evidence, parameters, released), []
-        for d in released:
-            own, half = size.of(d, released, now, parameters)
-            own -= common(d, released, size.size)
+        free = [f.hypothesis for f in found]
+        now, clear = posterior(likelihood, parameters, free), []
+        for d in free:
+            own, half = size.of(d, free, now, parameters)
+            own -= common(d, free, size.size)
             clear.append(clearness(own, half, parameters[d.members[0]].usual))
         return clear
 
@@ -145,7 +145,7 @@ def clear_ones(
 def _certain(
     found: list[Found],
     without: Callable[[list[Found], list[Found]], list[np.ndarray]],
-    evidence: Evidence,
+    likelihood: Likelihood,
     parameters: list[Parameter],
     limbs: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[list[Found], list[Found]]:
@@ -161,8 +161,8 @@ def _certain(
         tried = [f for f in found if f not in sure]
         certain = dict.fromkeys(map(id, sure), np.inf)
         for f, gain in zip(tried, without(found, tried) if tried else (), strict=True):
-            share = float(gain.sum()) / (evidence.samples * len(f.direction.members))
-            certain[id(f)] = min(agreement(gain[_acting(f.direction, evidence, parameters)]), share / LEAST_SHARE)
+            share = float(gain.sum()) / (likelihood.samples * len(f.hypothesis.members))
+            certain[id(f)] = min(agreement(gain[_acting(f.hypothesis, likelihood, parameters)]), share / LEAST_SHARE)
             if certain[id(f)] >= 1.0:
                 sure.append(f)
         return [certain[id(f)] for f in found]
@@ -170,24 +170,24 @@ def _certain(
     def of_each_limb(weakest: list[Found]) -> list[Found]:
         least: dict[str, Found] = {}
         for f in weakest:
-            least.setdefault(limbs.get(f.direction.where, ""), f)
+            least.setdefault(limbs.get(f.hypothesis.where, ""), f)
         first, *others = least
         return [least[first], *(least[limb] for limb in others if first and limb)]
 
     return eliminated(found, certainty, together=of_each_limb)
 
 
-def _acting(d: Direction, evidence: Evidence, parameters: list[Parameter]) -> np.ndarray:
-    """Windows that have a say on a direction, shape (N,)."""
+def _acting(d: Hypothesis, likelihood: Likelihood, parameters: list[Parameter]) -> np.ndarray:
+    """Windows that have a say on a hypothesis, shape (N,)."""
     change = vector(d, parameters)[list(d.members)]
-    own = evidence.information[:, list(d.members)][:, :, list(d.members)]
+    own = likelihood.information[:, list(d.members)][:, :, list(d.members)]
     information = np.einsum("wij,i,j->w", own, change, change)
     enough = np.sort(information)[-min(LEAST_WINDOWS, len(information))]
     return np.flatnonzero(information >= min(ACTS * information.mean(), enough))
 
 
 def _predicted(
-    evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None
+    likelihood: Likelihood, parameters: list[Parameter], found: list[Found], without: Found | None
 ) -> np.ndarray:
     """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description.
 
@@ -197,11 +197,11 @@ def _predicted(
     q, low, high = _without(parameters, found, without)
 
     def solve(information: np.ndarray, score: np.ndarray) -> np.ndarray:
-        both = zip(information / evidence.scale, score / evidence.scale, strict=True)
+        both = zip(information / likelihood.scale, score / likelihood.scale, strict=True)
         return np.stack([minimum_within(a + q, b, low, high)[0] for a, b in both])
 
-    theta, loss = predicted(evidence, in_a_row(len(evidence.square), PARTS), solve)
-    return loss + evidence.scale * np.einsum("wp,pq,wq->w", theta, q, theta) / len(loss)
+    theta, loss = predicted(likelihood, in_a_row(len(likelihood.square), PARTS), solve)
+    return loss + likelihood.scale * np.einsum("wp,pq,wq->w", theta, q, theta) / len(loss)
 
 
 def _without(
@@ -212,44 +212,44 @@ def _without(
     Deviations of a healthy robot in addition to causes stay allowed. A joint's gain relative to that of all joints is
     then theirs, and not as described.
     """
-    wider = one is not None and bool(wider_than(one.direction, [f.direction for f in found]))
+    wider = one is not None and bool(wider_than(one.hypothesis, [f.hypothesis for f in found]))
     if wider:
         found = [f for f in found if f is not one]
-    low, high = bounds_without(parameters, [] if one is None or wider else [one.direction])
-    named = {k for f in found for k in f.direction.members}
+    low, high = bounds_without(parameters, [] if one is None or wider else [one.hypothesis])
+    named = {k for f in found for k in f.hypothesis.members}
     for k, p in enumerate(parameters):
-        if k not in named and p.cause not in ORDINARY and not p.of_session:
+        if k not in named and p.cause not in ORDINARY and not p.is_nuisance:
             most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
             low[k], high[k] = max(low[k], -most), min(high[k], most)
-    return prior_of(parameters, [f.direction for f in found]), low, high
+    return prior_of(parameters, [f.hypothesis for f in found]), low, high
 
 
 def held_out(
     model: ReplayModel,
     groups: list[Windows],
-    evidence: Evidence,
+    likelihood: Likelihood,
     parameters: list[Parameter],
-    *fits: tuple[list[Direction], Evidence, tuple[np.ndarray, np.ndarray]],
+    *fits: tuple[list[Hypothesis], Likelihood, tuple[np.ndarray, np.ndarray]],
 ) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
     """Error of the replay on parts of the log that took no part, before and after, both with their session's offsets.
 
-    ``fits`` are the causes of each, the evidence about its fit, and its bounds.
+    ``fits`` are the causes of each, the likelihood about its fit, and its bounds.
 
     Returns:
         Reduction of the weighted error from each window's best start, with its interval over parts; and errors before
         and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
     """
-    parts, both = in_a_row(len(evidence.square), PARTS), []
-    for released, near, bounds in fits:
+    parts, both = in_a_row(len(likelihood.square), PARTS), []
+    for free, near, bounds in fits:
 
-        def solve(a: np.ndarray, b: np.ndarray, released=released, near=near, bounds=bounds) -> np.ndarray:  # noqa: ANN001
+        def solve(a: np.ndarray, b: np.ndarray, free=free, near=near, bounds=bounds) -> np.ndarray:  # noqa: ANN001
             each = zip(a / near.scale, b / near.scale, strict=True)
-            return np.stack([sizes(x, parameters, released, *bounds) for x in each])
+            return np.stack([sizes(x, parameters, free, *bounds) for x in each])
 
         theta, _ = predicted(near, parts, solve)
-        both.append(losses(evidence, model, groups, parameters, theta))
+        both.append(losses(likelihood, model, groups, parameters, theta))
     whole = np.isfinite(both[0][0]) & np.isfinite(both[1][0])  # a replay that broke has no error to compare
-    channels = sum(len(x) for x in evidence.sigma.values())
+    channels = sum(len(x) for x in likelihood.sigma.values())
     samples = channels * np.mean([w.t.shape[1] for w in groups])
     by_part = np.array([[loss[part[whole[part]]].sum() for loss, _ in both] for part in parts if whole[part].any()])
     each = 1.0 - np.sqrt(by_part[:, 1] / np.maximum(by_part[:, 0], 1e-12))

@@ -1,7 +1,7 @@
 """Which causes stand out: forward selection among numbers that all may be a little off, as on every healthy robot.
 
-Every parameter has a normal prior with the spread of healthy robots. A cause is a direction in which the parameters
-are moved beyond that: its score is that of the marginal likelihood for an added mean along the direction.
+Every parameter has a normal prior with the spread of healthy robots. A fault hypothesis moves parameters
+beyond that along a direction: its score is that of the marginal likelihood for an added mean along it.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from mrwarp.robot_logs.causes import ORDINARY, SAME, SESSION, Parameter
-from mrwarp.robot_logs.evidence import Evidence
+from mrwarp.robot_logs.causes import NUISANCE, ORDINARY, SAME, Parameter
+from mrwarp.robot_logs.likelihood import Likelihood
 from mrwarp.sysid.elimination import eliminated
 from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.least_squares import minimum_within
@@ -56,8 +56,8 @@ lengths and zeros of encoders are each joint's own."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Direction:
-    """A cause at a place: equal changes, in steps, of one parameter or of a group."""
+class Hypothesis:
+    """A fault hypothesis, a cause at a place: equal changes, in steps, of one parameter or of a group."""
 
     cause: str
     where: str
@@ -67,12 +67,12 @@ class Direction:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """A direction that stands out."""
+    """A hypothesis that stands out."""
 
-    direction: Direction
+    hypothesis: Hypothesis
     z: float
     """Standard score when it was chosen."""
-    alternatives: tuple[Direction, ...]
+    alternatives: tuple[Hypothesis, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class Posterior:
     covariance: np.ndarray
     """Shape (P, P)."""
     precision: np.ndarray
-    """Of the prior, without what was released, shape (P, P)."""
+    """Of the prior, without hypotheses that are free, shape (P, P)."""
     unbounded: np.ndarray
     """Mean, were there no bounds, shape (P,)."""
     robust: np.ndarray
@@ -93,24 +93,24 @@ class Posterior:
     """Standard deviation over :data:`PARTS`, shape (P,)."""
 
 
-def directions_of(parameters: Sequence[Parameter]) -> list[Direction]:
+def hypotheses_of(parameters: Sequence[Parameter]) -> list[Hypothesis]:
     """Single parameters, and all joints at once."""
-    found = [Direction(cause=p.cause, where=p.where, members=(k,)) for k, p in enumerate(parameters)]
+    found = [Hypothesis(cause=p.cause, where=p.where, members=(k,)) for k, p in enumerate(parameters)]
     by_cause: dict[tuple[str, str], list[int]] = {}
     for k, p in enumerate(parameters):
         by_cause.setdefault((p.cause, p.name), []).append(k)
     for (cause, _), members in by_cause.items():
         if cause in SHARED and len(members) > 1:
-            found.append(Direction(cause=cause, where="robot", members=tuple(members)))
+            found.append(Hypothesis(cause=cause, where="robot", members=tuple(members)))
     return found
 
 
-def payload_of(parameters: Sequence[Parameter]) -> list[Direction]:
+def payload_of(parameters: Sequence[Parameter]) -> list[Hypothesis]:
     """Numbers that a weight on the trunk changes: mass, and its centre forwards and sideways; empty for a fixed base.
 
     Where the weight sits near a hip, one number nearly says the same: a heavier hip.
     """
-    own = [d for d in directions_of(parameters) if d.cause in ("trunk_mass", "trunk_com")]
+    own = [d for d in hypotheses_of(parameters) if d.cause in ("trunk_mass", "trunk_com")]
     return [d for d in own if parameters[d.members[0]].name in ("mass", "x", "y")]
 
 
@@ -119,37 +119,37 @@ def healthy(parameters: Sequence[Parameter]) -> np.ndarray:
     return prior_of(parameters, [])
 
 
-def wider_than(d: Direction, released: Sequence[Direction]) -> list[Direction]:
-    """Causes that a direction's numbers have a part in, in addition to their own: Kp of all joints for that of one."""
-    return [x for x in released if set(d.members) < set(x.members)]
+def wider_than(d: Hypothesis, free: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Causes that a hypothesis's numbers have a part in, in addition to their own: Kp of all joints for that of one."""
+    return [x for x in free if set(d.members) < set(x.members)]
 
 
-def common(d: Direction, released: Sequence[Direction], x: np.ndarray) -> float:
-    """Shared part of a direction's number and those of all joints, where that is a cause, too; else 0."""
-    wide = [k for y in wider_than(d, released) for k in own_members(y, released)]
+def common(d: Hypothesis, free: Sequence[Hypothesis], x: np.ndarray) -> float:
+    """Shared part of a hypothesis's number and those of all joints, where that is a cause, too; else 0."""
+    wide = [k for y in wider_than(d, free) for k in own_members(y, free)]
     return float(np.mean(x[wide])) if wide else 0.0
 
 
-def own_members(d: Direction, released: Sequence[Direction]) -> list[int]:
-    """Numbers whose mean is a direction's size: those that no other cause moves alone."""
-    alone = {k for y in released for k in y.members if y != d and len(y.members) == 1}
+def own_members(d: Hypothesis, free: Sequence[Hypothesis]) -> list[int]:
+    """Numbers whose mean is a hypothesis's size: those that no other cause moves alone."""
+    alone = {k for y in free for k in y.members if y != d and len(y.members) == 1}
     return [k for k in d.members if k not in alone] or list(d.members)
 
 
-def vector(direction: Direction, parameters: Sequence[Parameter]) -> np.ndarray:
-    """The change that a direction makes, in steps of its members; shape (P,)."""
+def vector(hypothesis: Hypothesis, parameters: Sequence[Parameter]) -> np.ndarray:
+    """The change that a hypothesis makes, in steps of its members; shape (P,)."""
     found = np.zeros(len(parameters))
-    for k in direction.members:
+    for k in hypothesis.members:
         found[k] = abs(parameters[k].step)
     return found
 
 
-def prior_of(parameters: Sequence[Parameter], released: Sequence[Direction]) -> np.ndarray:
-    """Precision of healthy robots, and of faults along ``released``, shape (P, P)."""
-    same = {x.cause for x in released if x.where == "robot"}  # as the torque scale of a session
+def prior_of(parameters: Sequence[Parameter], free: Sequence[Hypothesis]) -> np.ndarray:
+    """Precision of healthy robots, and of faults along ``free``, shape (P, P)."""
+    same = {x.cause for x in free if x.where == "robot"}  # as the torque scale of a session
     known = "motor_strength" in same or {"kp", "kd"} <= same
     covariance = np.diag([(1e-3 * p.spread if known and p.field == "scale" else p.spread) ** 2 for p in parameters])
-    for x in released:
+    for x in free:
         d = vector(x, parameters)
         covariance = covariance + np.outer(d, d) * _fault(x, parameters) ** 2
     return np.linalg.inv(covariance)
@@ -163,7 +163,7 @@ def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def bounds_without(parameters: Sequence[Parameter], causes: Sequence[Direction]) -> tuple[np.ndarray, np.ndarray]:
+def bounds_without(parameters: Sequence[Parameter], causes: Sequence[Hypothesis]) -> tuple[np.ndarray, np.ndarray]:
     """Posterior with ``causes`` held to the range of healthy robots."""
     low, high = bounds_of(parameters)
     for k in (k for d in causes for k in d.members):
@@ -171,16 +171,16 @@ def bounds_without(parameters: Sequence[Parameter], causes: Sequence[Direction])
     return low, high
 
 
-def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> Posterior:
-    """Parameters with the prior of healthy robots, and that of faults along ``released``."""
-    q = prior_of(parameters, released)
-    a, b = evidence.likelihood()
+def posterior(likelihood: Likelihood, parameters: Sequence[Parameter], free: Sequence[Hypothesis]) -> Posterior:
+    """Parameters with the prior of healthy robots, and that of faults along ``free``."""
+    q = prior_of(parameters, free)
+    a, b = likelihood.normal_equations()
     spread = np.linalg.inv(a + q)
     mean, _ = minimum_within(a + q, b, *bounds_of(parameters))
-    each = spread @ ((evidence.score - evidence.information @ mean) / evidence.scale).T
+    each = spread @ ((likelihood.score - likelihood.information @ mean) / likelihood.scale).T
     own = np.einsum("pq,qr,rp->p", spread, q, spread)
-    folds = in_a_row(len(evidence.square), PARTS)
-    parts = one_step(evidence, folds, mean, spread / evidence.scale)
+    folds = in_a_row(len(likelihood.square), PARTS)
+    parts = one_step(likelihood, folds, mean, spread / likelihood.scale)
     return Posterior(
         mean=mean,
         covariance=spread,
@@ -191,14 +191,14 @@ def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Seq
     )
 
 
-def _fault(direction: Direction, parameters: Sequence[Parameter]) -> float:
-    """Standard deviation of a fault along a direction, in steps."""
-    return float(np.mean([parameters[k].fault / abs(parameters[k].step) for k in direction.members]))
+def _fault(hypothesis: Hypothesis, parameters: Sequence[Parameter]) -> float:
+    """Standard deviation of a fault along a hypothesis, in steps."""
+    return float(np.mean([parameters[k].fault / abs(parameters[k].step) for k in hypothesis.members]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """Explained mismatch by a fault along each of D directions."""
+    """Explained mismatch by a fault along each of D hypotheses."""
 
     z: np.ndarray
     """Standard score."""
@@ -208,70 +208,72 @@ class Scores:
     """Logarithm of how much likelier a fault of the usual sizes makes the log."""
 
 
-def scores(now: Posterior, directions: Sequence[Direction], parameters: Sequence[Parameter]) -> Scores:
-    """Scores of all directions in addition to the free ones."""
-    d = np.stack([vector(x, parameters) for x in directions], axis=1)
+def scores(now: Posterior, hypotheses: Sequence[Hypothesis], parameters: Sequence[Parameter]) -> Scores:
+    """Scores of all hypotheses in addition to those that are free."""
+    d = np.stack([vector(x, parameters) for x in hypotheses], axis=1)
     qd = now.precision @ d
     score = qd.T @ now.mean
     information = np.einsum("pd,pd->d", d, qd) - np.einsum("pd,pq,qd->d", qd, now.covariance, qd)
     known = information > 1e-9 * np.einsum("pd,pd->d", d, qd)
     information = np.where(known, information, np.inf)
     z = score / np.sqrt(information)
-    room = np.where(known, information, 0.0) * np.array([_fault(x, parameters) ** 2 for x in directions])
+    room = np.where(known, information, 0.0) * np.array([_fault(x, parameters) ** 2 for x in hypotheses])
     return Scores(z=z, size=score / information, odds=0.5 * (z**2 * room / (1.0 + room) - np.log1p(room)))
 
 
-def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Sequence[Direction] = ()) -> list[Found]:
+def select(
+    likelihood: Likelihood, parameters: Sequence[Parameter], confirmed: Sequence[Hypothesis] = ()
+) -> list[Found]:
     """Causes that stand out, the clearest first; then :data:`ORDINARY` ones that the description has wrong.
 
     Causes that do not recur over windows are taken out again, the least certain first. ``confirmed`` are causes with
     which a fit by the replay needed no other of the same drive.
     """
-    found = _simplest_drive(_forward(evidence, parameters), evidence, parameters, confirmed)
+    found = _simplest_drive(_forward(likelihood, parameters), likelihood, parameters, confirmed)
 
     def certainty(found: list[Found]) -> list[float]:
-        released = [f.direction for f in found]
-        now = posterior(evidence, parameters, released)
-        return [_recurrence(d, now, parameters, released) / RECURRENCE for d in released]
+        free = [f.hypothesis for f in found]
+        now = posterior(likelihood, parameters, free)
+        return [_recurrence(d, now, parameters, free) / RECURRENCE for d in free]
 
     return eliminated(found, certainty)[0]
 
 
 def _simplest_drive(
-    found: list[Found], evidence: Evidence, parameters: Sequence[Parameter], confirmed: Sequence[Direction]
+    found: list[Found], likelihood: Likelihood, parameters: Sequence[Parameter], confirmed: Sequence[Hypothesis]
 ) -> list[Found]:
     """One cause of a drive in place of two that say as much: Kp alone is also a stronger motor with a lower Kd.
 
     Where the replay has shown which of a drive's causes it is, that one stands: derivatives trade one for another.
     """
-    for place in dict.fromkeys(f.direction.where for f in found if f.direction.cause in DRIVE):
-        pair = [f for f in found if f.direction.cause in DRIVE and f.direction.where == place]
-        size = len(pair[0].direction.members)
+    for place in dict.fromkeys(f.hypothesis.where for f in found if f.hypothesis.cause in DRIVE):
+        pair = [f for f in found if f.hypothesis.cause in DRIVE and f.hypothesis.where == place]
+        size = len(pair[0].hypothesis.members)
         rest = [f for f in found if f not in pair]
-        others = [f.direction for f in rest]
+        others = [f.hypothesis for f in rest]
         alone = [
-            d for d in directions_of(parameters) if d.cause in DRIVE and d.where == place and len(d.members) == size
+            d for d in hypotheses_of(parameters) if d.cause in DRIVE and d.where == place and len(d.members) == size
         ]
         sure = [d for d in alone if d in confirmed]
-        if not alone or (len(pair) == 1 and (len(sure) != 1 or pair[0].direction in sure)):
+        if not alone or (len(pair) == 1 and (len(sure) != 1 or pair[0].hypothesis in sure)):
             continue
         if len(sure) == 1:
             best = sure[0]
         else:
-            both = _evidence([*others, *(f.direction for f in pair)], evidence, parameters)
-            each = [_evidence([*others, d], evidence, parameters) for d in alone]
+            both = _log_marginal([*others, *(f.hypothesis for f in pair)], likelihood, parameters)
+            each = [_log_marginal([*others, d], likelihood, parameters) for d in alone]
             best = alone[int(np.argmax(each))]
             if max(each) <= both - NAMED_ODDS:  # the second one earns what a cause has to
                 continue
-        now = scores(posterior(evidence, parameters, others), [best], parameters)
-        found = [*rest, Found(direction=best, z=float(now.z[0]), alternatives=())]
-    return sorted(found, key=lambda f: f.direction.cause in ORDINARY)
+        now = scores(posterior(likelihood, parameters, others), [best], parameters)
+        found = [*rest, Found(hypothesis=best, z=float(now.z[0]), alternatives=())]
+    return sorted(found, key=lambda f: f.hypothesis.cause in ORDINARY)
 
 
-def _evidence(released: Sequence[Direction], evidence: Evidence, parameters: Sequence[Parameter]) -> float:
+def _log_marginal(free: Sequence[Hypothesis], likelihood: Likelihood, parameters: Sequence[Parameter]) -> float:
     """Logarithm of the marginal likelihood, but for a constant."""
-    q = prior_of(parameters, released)
-    a, b = evidence.likelihood()
+    q = prior_of(parameters, free)
+    a, b = likelihood.normal_equations()
     more = np.linalg.slogdet(q)[1] - np.linalg.slogdet(a + q)[1]
     return float(0.5 * (b @ np.linalg.solve(a + q, b) + more))
 
@@ -285,24 +287,24 @@ def estimate(k: int, now: Posterior, parameters: Sequence[Parameter]) -> tuple[f
 
 
 def sizes(
-    likelihood: tuple[np.ndarray, np.ndarray],
+    equations: tuple[np.ndarray, np.ndarray],
     parameters: Sequence[Parameter],
-    released: Sequence[Direction],
+    free: Sequence[Hypothesis],
     low: np.ndarray,
     high: np.ndarray,
 ) -> np.ndarray:
     """Changes by which the extended robot fits best, shape (P,): causes and session's offsets, else as described.
 
-    ``likelihood`` is of :meth:`~mrwarp.robot_logs.evidence.Evidence.likelihood`.
+    ``equations`` are of :meth:`~mrwarp.robot_logs.likelihood.Likelihood.normal_equations`.
     """
-    named = {k for d in released for k in d.members}
-    free = [k for k, p in enumerate(parameters) if k in named or p.of_session]
-    own = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
-    a, b = likelihood
+    named = {k for d in free for k in d.members}
+    indices = [k for k, p in enumerate(parameters) if k in named or p.is_nuisance]
+    own = [replace(d, members=tuple(indices.index(k) for k in d.members)) for d in free]
+    a, b = equations
     found = np.zeros(len(parameters))
-    if free:
-        q = prior_of([parameters[k] for k in free], own)
-        found[free], _ = minimum_within(a[np.ix_(free, free)] + q, b[free], low[free], high[free])
+    if indices:
+        q = prior_of([parameters[k] for k in indices], own)
+        found[indices], _ = minimum_within(a[np.ix_(indices, indices)] + q, b[indices], low[indices], high[indices])
     return found
 
 
@@ -315,7 +317,7 @@ def half_width(
     wider: float = 1.0,
     lone: float,
 ) -> float:
-    """Half of the 95 % interval about ``size``, the mean of a direction's ``members``.
+    """Half of the 95 % interval about ``size``, the mean of a hypothesis's ``members``.
 
     It is the widest of five: by the model, over windows and over parts, each ``wider`` times as wide; and what the
     number moves by when all others may be off as on healthy robots, or when nothing else is off, ``lone``. Over parts
@@ -330,72 +332,72 @@ def half_width(
     return float(max(wider * stats.norm.ppf(0.975) * sd, wider * over_parts, abs(mean - size), abs(lone - size)))
 
 
-def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter], released: Sequence[Direction]) -> float:
+def _recurrence(d: Hypothesis, now: Posterior, parameters: Sequence[Parameter], free: Sequence[Hypothesis]) -> float:
     """Size of a cause in standard deviations that count windows as the units; 0 where it may be too small to count."""
-    members = own_members(d, released)
+    members = own_members(d, free)
     k = members[0]
     p, mean, sd = parameters[k], now.mean[members].mean(), np.sqrt(max(now.covariance[k, k], now.robust[k]))
     if len(members) == 1:
         mean, sd = estimate(k, now, parameters)
-    own = mean - common(d, released, now.mean)
+    own = mean - common(d, free, now.mean)
     size = abs(own - float(np.clip(own, *p.usual)))
     return float(size / sd) if size - 1.96 * sd >= p.least else 0.0
 
 
-def _forward(evidence: Evidence, parameters: Sequence[Parameter]) -> list[Found]:
+def _forward(likelihood: Likelihood, parameters: Sequence[Parameter]) -> list[Found]:
     """Forward selection."""
-    directions, found = [d for d in directions_of(parameters) if d.cause not in (*ORDINARY, SESSION)], []
-    least = np.array([min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in directions])
-    joints = np.array([len(d.members) for d in directions])
+    hypotheses, found = [d for d in hypotheses_of(parameters) if d.cause not in (*ORDINARY, NUISANCE)], []
+    least = np.array([min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in hypotheses])
+    joints = np.array([len(d.members) for d in hypotheses])
     while len(found) < MOST:
-        released = [f.direction for f in found]
-        now = scores(posterior(evidence, parameters, released), directions, parameters)
-        share = now.z**2 * evidence.scale / (evidence.samples * joints)
-        free = np.array([d not in released and not _spanned(d, released) for d in directions])
-        free &= _possible(now.size, directions, parameters)
-        odds = np.where(free & (np.abs(now.size) >= least) & (share >= LEAST_SHARE), now.odds, -np.inf)
+        free = [f.hypothesis for f in found]
+        now = scores(posterior(likelihood, parameters, free), hypotheses, parameters)
+        share = now.z**2 * likelihood.scale / (likelihood.samples * joints)
+        allowed = np.array([d not in free and not _spanned(d, free) for d in hypotheses])
+        allowed &= _possible(now.size, hypotheses, parameters)
+        odds = np.where(allowed & (np.abs(now.size) >= least) & (share >= LEAST_SHARE), now.odds, -np.inf)
         best = int(np.argmax(odds))
         if not odds[best] > NAMED_ODDS:
             break
-        rest = scores(posterior(evidence, parameters, [*released, directions[best]]), directions, parameters)
+        rest = scores(posterior(likelihood, parameters, [*free, hypotheses[best]]), hypotheses, parameters)
         near = [
             k
-            for k in range(len(directions))
+            for k in range(len(hypotheses))
             if odds[k] > odds[best] - RIVAL_ODDS
             and rest.odds[k] < NAMED_ODDS
-            and directions[k].cause != directions[best].cause
+            and hypotheses[k].cause != hypotheses[best].cause
         ]
         near.sort(key=lambda k: -odds[k])
-        alternatives = tuple(directions[k] for k in near[:4])
-        if payload := _payload(directions[best], released, evidence, parameters):
+        alternatives = tuple(hypotheses[k] for k in near[:4])
+        if payload := _payload(hypotheses[best], free, likelihood, parameters):
             found += payload
             continue
-        found.append(Found(direction=directions[best], z=float(now.z[best]), alternatives=alternatives))
-    return found + _described_wrong(evidence, parameters, [f.direction for f in found])
+        found.append(Found(hypothesis=hypotheses[best], z=float(now.z[best]), alternatives=alternatives))
+    return found + _described_wrong(likelihood, parameters, [f.hypothesis for f in found])
 
 
 def _payload(
-    best: Direction, released: Sequence[Direction], evidence: Evidence, parameters: Sequence[Parameter]
+    best: Hypothesis, free: Sequence[Hypothesis], likelihood: Likelihood, parameters: Sequence[Parameter]
 ) -> list[Found]:
     """A weight on the trunk in place of a link's mass, where it makes the log likelier; empty where it does not."""
     parts = payload_of(parameters)
-    if best.cause != "link_mass" or not parts or any(d in released for d in parts):
+    if best.cause != "link_mass" or not parts or any(d in free for d in parts):
         return []
-    if _evidence([*released, *parts], evidence, parameters) < _evidence([*released, best], evidence, parameters):
+    if _log_marginal([*free, *parts], likelihood, parameters) < _log_marginal([*free, best], likelihood, parameters):
         return []
     found = []
     for d in parts:
-        others = [*released, *(x for x in parts if x != d)]
-        now = scores(posterior(evidence, parameters, others), [d], parameters)
+        others = [*free, *(x for x in parts if x != d)]
+        now = scores(posterior(likelihood, parameters, others), [d], parameters)
         if now.odds[0] > NAMED_ODDS:
-            found.append(Found(direction=d, z=float(now.z[0]), alternatives=()))
+            found.append(Found(hypothesis=d, z=float(now.z[0]), alternatives=()))
     return found
 
 
-def _possible(size: np.ndarray, directions: Sequence[Direction], parameters: Sequence[Parameter]) -> np.ndarray:
-    """Whether a robot can be changed by a size in steps along each direction, shape (D,)."""
-    found = np.ones(len(directions), dtype=bool)
-    for k, d in enumerate(directions):
+def _possible(size: np.ndarray, hypotheses: Sequence[Hypothesis], parameters: Sequence[Parameter]) -> np.ndarray:
+    """Whether a robot can be changed by a size in steps along each hypothesis, shape (D,)."""
+    found = np.ones(len(hypotheses), dtype=bool)
+    for k, d in enumerate(hypotheses):
         for m in d.members:
             p, change = parameters[m], size[k] * abs(parameters[m].step)
             found[k] &= p.lowest <= change <= p.highest
@@ -407,17 +409,19 @@ DRIVE = ("kp", "kd", "motor_strength")
 named."""
 
 
-def _spanned(direction: Direction, released: Sequence[Direction]) -> bool:
-    """Whether a direction follows from two that are released."""
-    if direction.cause not in DRIVE:
+def _spanned(hypothesis: Hypothesis, free: Sequence[Hypothesis]) -> bool:
+    """Whether a hypothesis follows from two that are free."""
+    if hypothesis.cause not in DRIVE:
         return False
-    others = {d.cause for d in released if d.cause in DRIVE and (d.where in ("robot", direction.where))}
-    return len(others - {direction.cause}) == 2
+    others = {d.cause for d in free if d.cause in DRIVE and (d.where in ("robot", hypothesis.where))}
+    return len(others - {hypothesis.cause}) == 2
 
 
-def _described_wrong(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> list[Found]:
+def _described_wrong(
+    likelihood: Likelihood, parameters: Sequence[Parameter], free: Sequence[Hypothesis]
+) -> list[Found]:
     """Numbers of ordinary causes that the log excludes, without their priors."""
-    now, found = posterior(evidence, parameters, released), []
+    now, found = posterior(likelihood, parameters, free), []
     for k, p in enumerate(parameters):
         if p.cause not in ORDINARY:
             continue
@@ -428,8 +432,12 @@ def _described_wrong(evidence: Evidence, parameters: Sequence[Parameter], releas
         size = max(now.unbounded[k] / variance / known, p.lowest)
         beyond = size - float(np.clip(size, *p.usual))
         z = beyond * np.sqrt(known)
-        if abs(z) > ORDINARY_Z and abs(beyond) >= p.least and z**2 * evidence.scale >= LEAST_SHARE * evidence.samples:
-            own = Direction(cause=p.cause, where=p.where, members=(k,))
-            same = [d for d in directions_of(parameters) if d.cause == SAME.get(p.cause) and d.where == p.where]
-            found.append(Found(direction=own, z=float(z), alternatives=tuple(same) if beyond > 0.0 else ()))
+        if (
+            abs(z) > ORDINARY_Z
+            and abs(beyond) >= p.least
+            and z**2 * likelihood.scale >= LEAST_SHARE * likelihood.samples
+        ):
+            own = Hypothesis(cause=p.cause, where=p.where, members=(k,))
+            same = [d for d in hypotheses_of(parameters) if d.cause == SAME.get(p.cause) and d.where == p.where]
+            found.append(Found(hypothesis=own, z=float(z), alternatives=tuple(same) if beyond > 0.0 else ()))
     return sorted(found, key=lambda f: -abs(f.z))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mrwarp.robot_logs.causes import FLOOR, Parameter
-from mrwarp.robot_logs.evidence import Evidence, left_by_each
+from mrwarp.robot_logs.likelihood import Likelihood, left_by_each
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.selection import Direction
+from mrwarp.robot_logs.selection import Hypothesis
 from mrwarp.robot_logs.windows import Windows
 
 SCREENED, KEPT = 3, 8
@@ -26,11 +26,11 @@ them. Derivatives see a limit only where it begins to act."""
 
 
 def sizes_of_their_own(
-    directions: list[Direction], model: ReplayModel, groups: list[Windows], parameters: list[Parameter]
+    hypotheses: list[Hypothesis], model: ReplayModel, groups: list[Windows], parameters: list[Parameter]
 ) -> dict[int, list[float]]:
-    """Sizes, in steps, of directions that derivatives do not see: the floor, single feet, limits; by their place."""
+    """Sizes, in steps, of hypotheses that derivatives do not see: the floor, single feet, limits; by their place."""
     own = {}
-    for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(directions) if len(d.members) == 1):
+    for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(hypotheses) if len(d.members) == 1):
         if p.cause in FLOOR:
             own[k] = [times * p.fault / abs(p.step) for times in FLOORS]
         elif p.field == "foot":
@@ -41,12 +41,12 @@ def sizes_of_their_own(
 
 
 def screened(
-    tried: list[tuple[np.ndarray, Direction, float]],
-    described: Evidence,
+    tried: list[tuple[np.ndarray, Hypothesis, float]],
+    described: Likelihood,
     model: ReplayModel,
     groups: list[Windows],
     parameters: list[Parameter],
-) -> list[tuple[np.ndarray, Direction, float]]:
+) -> list[tuple[np.ndarray, Hypothesis, float]]:
     """The :data:`KEPT` best of changed robots, (P,), with what changed and how unlikely it is; by some windows."""
     robots = np.array([robot for robot, _, _ in tried])
     left = left_by_each(described, model, groups, parameters, robots, every=SCREENED)

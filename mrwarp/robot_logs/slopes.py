@@ -10,7 +10,7 @@ import numpy as np
 
 from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances, side_by_side
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances, side_by_side
 from mrwarp.robot_logs.windows import Windows
 
 START_SPREAD = 1.0
@@ -112,7 +112,7 @@ class Slopes:
 def slopes_of(
     model: ReplayModel, windows: Windows, parameters: list[Parameter], theta: np.ndarray, log: Callable[[str], None]
 ) -> Slopes:
-    """Derivatives of a group's replays about ``theta``, (P,), many hypotheses at once.
+    """Derivatives of a group's replays about ``theta``, (P,), many changed robots at once.
 
     Limbs that do not move each other share replays: one robot has a number of each of them changed. What the
     strength of a held robot's drive changes is the sum of what its gains change, where these make all of its torque.
@@ -138,7 +138,7 @@ def slopes_of(
     for first in range(0, len(values), at_once):
         part = np.arange(first, min(first + at_once, len(values)))
         log(f"replaying {count} windows: {first} of {len(values)} robots")
-        near = Hypotheses.of(parameters, np.repeat(values[part], count, axis=0), model)
+        near = ParameterBatch.of(parameters, np.repeat(values[part], count, axis=0), model)
         rows.append(replay.left(near, np.tile(np.arange(count), len(part)), np.repeat(begins[part], count, axis=0)))
     x = np.concatenate(rows).reshape(len(values), count, -1)
     rise = x[-1] - x[robot]  # mismatches fall by what readings rise

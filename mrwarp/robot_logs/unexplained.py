@@ -14,12 +14,12 @@ import numpy as np
 
 from mrwarp.diagnose.result import Unexplained
 from mrwarp.robot_logs.causes import Parameter
-from mrwarp.robot_logs.evidence import Evidence
+from mrwarp.robot_logs.likelihood import Likelihood
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
-from mrwarp.robot_logs.selection import Direction
+from mrwarp.robot_logs.selection import Hypothesis
 from mrwarp.robot_logs.slopes import DERIVATIVE_STEP, START_SPREAD
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows
 
 STEP = 0.02
@@ -63,7 +63,11 @@ class Pushes:
 
 
 def pushes(
-    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
+    likelihood: Likelihood,
+    model: ReplayModel,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
+    theta: np.ndarray,
 ) -> Pushes:
     """Forces that windows ask for about ``theta``, shape (P,), those too that do not count as evidence."""
     mj = model.model
@@ -73,18 +77,18 @@ def pushes(
         first, push = int(mj.jnt_dofadr[mj.body_jntadr[model.trunk]]), STEP * 9.81 * float(mj.body_mass.sum())
         places.insert(0, (model.body_name(model.trunk), [(first + k, push) for k in range(3)]))
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in places]
-    rare = [evidence.scale * (STEP / USUAL / members[0][1]) ** 2 for _, members in places]
-    for windows, slopes in zip(groups, evidence.slopes, strict=True):
+    rare = [likelihood.scale * (STEP / USUAL / members[0][1]) ** 2 for _, members in places]
+    for windows, slopes in zip(groups, likelihood.slopes, strict=True):
         left = mismatch(windows.measured, _replayed(Replay(model, windows), parameters, theta, 0, 0.0))
         coarse = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
         base = _replayed(coarse, parameters, theta, 0, 0.0)
-        r, starts = _scaled(left, evidence), slopes.z / slopes.scale(evidence.sigma)
+        r, starts = _scaled(left, likelihood), slopes.z / slopes.scale(likelihood.sigma)
         begin = np.linalg.inv(starts @ starts.mT + np.eye(starts.shape[1]) / START_SPREAD**2)
         r0 = (starts @ r[..., None])[..., 0]
         c = np.maximum((r**2).sum(axis=1) - np.einsum("wi,wij,wj->w", r0, begin, r0), 1e-12)
         for (_, members), rows, few in zip(places, found, rare, strict=True):
             slopes = [mismatch(_replayed(coarse, parameters, theta, dof, s), base) for dof, s in members]
-            f = np.stack([_scaled(x, evidence) / s for x, (_, s) in zip(slopes, members, strict=True)], axis=1)
+            f = np.stack([_scaled(x, likelihood) / s for x, (_, s) in zip(slopes, members, strict=True)], axis=1)
             across = begin @ (starts @ f.mT)
             a = f @ f.mT - (f @ starts.mT) @ across
             b = (f @ r[..., None])[..., 0] - np.einsum("wzi,wz->wi", across, r0)
@@ -136,17 +140,17 @@ def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside 
     )
 
 
-def steady(direction: Direction, value: float, share: float, log: RobotLog, parameters: list[Parameter]) -> Outside:
+def steady(hypothesis: Hypothesis, value: float, share: float, log: RobotLog, parameters: list[Parameter]) -> Outside:
     """Effects outside the catalogue that act all the time, see :data:`mrwarp.robot_logs.causes.OUTSIDE`.
 
     Args:
-        direction: What was found.
+        hypothesis: What was found.
         value: Its number, in the unit of its parameter.
         share: Part of the mismatch that it explains [1].
         log: The log.
         parameters: All of them.
     """
-    p = parameters[direction.members[0]]
+    p = parameters[hypothesis.members[0]]
     what = f"a force on {p.where} of {value:+.3g} N along {p.name}, all the time"
     if p.field == "foot":
         what = f"the foot of {p.where} meets {value:.2g} times the stiffness that the others do"
@@ -184,12 +188,12 @@ def _replayed(
 ) -> dict[str, np.ndarray]:
     """All windows with a force along one degree of freedom."""
     count = replay.windows.count
-    changes = Hypotheses.of(parameters, np.tile(theta, (count, 1)), replay.model)
+    changes = ParameterBatch.of(parameters, np.tile(theta, (count, 1)), replay.model)
     changes.fields["push"] = np.zeros((count, replay.model.model.nv))
     changes.fields["push"][:, dof] = push
     return replay.run(changes, np.arange(count), np.zeros((count, len(nuisances(replay.model)))))
 
 
-def _scaled(x: dict[str, np.ndarray], evidence: Evidence) -> np.ndarray:
+def _scaled(x: dict[str, np.ndarray], likelihood: Likelihood) -> np.ndarray:
     """All channels in units of what is left in them, one row a window; 0 where there is no reading."""
-    return np.concatenate([np.nan_to_num(x[n] / s).reshape(len(x[n]), -1) for n, s in evidence.sigma.items()], axis=1)
+    return np.concatenate([np.nan_to_num(x[n] / s).reshape(len(x[n]), -1) for n, s in likelihood.sigma.items()], axis=1)

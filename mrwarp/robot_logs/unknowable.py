@@ -9,11 +9,11 @@ import numpy as np
 
 from mrwarp.diagnose.result import NextExperiment
 from mrwarp.robot_logs.causes import TORQUE_SCALE, Parameter
-from mrwarp.robot_logs.evidence import Evidence, replayed
+from mrwarp.robot_logs.likelihood import Likelihood, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause
-from mrwarp.robot_logs.selection import NAMED_ODDS, Direction, Posterior, bounds_of
+from mrwarp.robot_logs.selection import NAMED_ODDS, Hypothesis, Posterior, bounds_of
 from mrwarp.robot_logs.windows import Windows, foot_slipped
 
 GROUND = (
@@ -104,7 +104,7 @@ HALVED = 5
 
 
 def friction_that_holds(
-    evidence: Evidence,
+    likelihood: Likelihood,
     model: ReplayModel,
     log: RobotLog,
     groups: Sequence[Windows],
@@ -116,10 +116,10 @@ def friction_that_holds(
     How well feet hold is known where they slip. Of others the replay excludes what is so low that they would.
 
     Args:
-        evidence: About ``theta``.
+        likelihood: About ``theta``.
         model: The robot.
         log: Its log.
-        groups: The windows of ``evidence``.
+        groups: The windows of ``likelihood``.
         parameters: P parameters.
         theta: The robot around which the log is judged, shape (P,).
     """
@@ -130,7 +130,7 @@ def friction_that_holds(
     def left(change: float) -> float:
         new = theta.copy()
         new[k] = change
-        return replayed(evidence, model, groups, parameters, new)[0] / evidence.scale
+        return replayed(likelihood, model, groups, parameters, new)[0] / likelihood.scale
 
     low, high = float(bounds_of(parameters)[0][k]), min(float(theta[k]), 0.0)
     shows = left(high) + 2.0 * NAMED_ODDS
@@ -141,18 +141,18 @@ def friction_that_holds(
 
 
 def cannot_know(
-    evidence: Evidence,
+    likelihood: Likelihood,
     parameters: list[Parameter],
     model: ReplayModel,
     log: RobotLog,
     now: Posterior,
     holds: float | None = None,
-    shown: Sequence[Direction] = (),
+    shown: Sequence[Hypothesis] = (),
 ) -> tuple[str, ...]:
     """Causes that no size of interest would have shown in this log, each with the motion to record.
 
     Args:
-        evidence: What the log says.
+        likelihood: What the log says.
         parameters: P parameters.
         model: The robot.
         log: Its log.
@@ -167,7 +167,7 @@ def cannot_know(
             found += [f"{cause}: the robot's base was fixed; {motions[cause].what}" for cause in GROUND]
         else:
             found += [f"{cause}: no motion shows it while the robot's base is fixed" for cause in OF_A_BASE]
-        if "tau" not in evidence.sigma and not any(d.cause == "motor_strength" and d.where == "robot" for d in shown):
+        if "tau" not in likelihood.sigma and not any(d.cause == "motor_strength" and d.where == "robot" for d in shown):
             found.append(f"motor_strength of robot: {LIKE_MASSES}; {motions['motor_strength'].what}")
     for cause, where in _unseen(parameters, log, now, spoken_of, slips=holds is None).items():
         found.append(f"{cause}{where}: no size would have shown in this log; {motions[cause].what}")

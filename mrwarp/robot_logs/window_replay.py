@@ -1,4 +1,4 @@
-"""Simulations of windows of a log under hypotheses: one environment is one hypothesis in one window."""
+"""Simulations of windows of a log under changes of the robot: one environment is one row of a batch in one window."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ _COLUMNS = {
 
 
 @dataclass
-class Hypotheses:
+class ParameterBatch:
     """Changes to the robot, for E environments; see :data:`mrwarp.robot_logs.causes.Field`."""
 
     fields: dict[str, np.ndarray]
     """By name, shape (E, columns)."""
 
     @classmethod
-    def of(cls, parameters: list[Parameter], theta: np.ndarray, model: ReplayModel) -> Hypotheses:
+    def of(cls, parameters: list[Parameter], theta: np.ndarray, model: ReplayModel) -> ParameterBatch:
         """Of values of the parameters, shape (E, P)."""
         count, joints, bodies = len(theta), len(model.joints), model.model.nbody
         sizes = _COLUMNS | {"mass": bodies, "length": bodies, "foot": len(model.feet)}
@@ -73,7 +73,7 @@ def nuisances(model: ReplayModel) -> np.ndarray:
 
 
 class Replay:
-    """Steps windows under hypotheses, many at once.
+    """Steps windows under the changes of a batch, many at once.
 
     On a CPU robots are shared out to :data:`WORKERS` threads: while one of them prepares or reads its own in Python,
     the engine steps another's. A model on a GPU has few robots stepped on the CPU, too.
@@ -96,7 +96,7 @@ class Replay:
         self._few = few or self._many
         self.at_once = GPU_CHUNK if on_gpu else CHUNK
 
-    def run(self, changes: Hypotheses, window: np.ndarray, start: np.ndarray) -> dict[str, np.ndarray]:
+    def run(self, changes: ParameterBatch, window: np.ndarray, start: np.ndarray) -> dict[str, np.ndarray]:
         """Readings that the simulation predicts.
 
         Args:
@@ -110,7 +110,7 @@ class Replay:
         parts = self._chunks(changes, window, start, lambda found, _: found)
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def left(self, changes: Hypotheses, window: np.ndarray, start: np.ndarray) -> np.ndarray:
+    def left(self, changes: ParameterBatch, window: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Measured minus predicted, all channels of an environment side by side, shape (E, N); arguments as above."""
         measured = self.windows.measured
 
@@ -121,7 +121,7 @@ class Replay:
 
     def _chunks(
         self,
-        changes: Hypotheses,
+        changes: ParameterBatch,
         window: np.ndarray,
         start: np.ndarray,
         made: Callable[[dict[str, np.ndarray], np.ndarray], T],
@@ -167,7 +167,7 @@ class _Stepper:
         self.engine.prepare(count)
 
     def chunk(
-        self, changes: Hypotheses, window: np.ndarray, start: np.ndarray, rows: slice
+        self, changes: ParameterBatch, window: np.ndarray, start: np.ndarray, rows: slice
     ) -> Iterator[tuple[str, np.ndarray]]:
         w, m, mj, windows, engine = window[rows], self.model, self.mj, self.windows, self.engine
         count, joints = len(w), len(self.model.joints)
@@ -281,7 +281,7 @@ class _Stepper:
             solref[: len(ids), self.model.feet, 0] = np.where(own > 0.0, softer, 1.0) * own
 
     def _begin(self, w: np.ndarray, start: np.ndarray, field: Callable[..., np.ndarray], ids: np.ndarray) -> None:
-        """Put robots where windows begin: as what was read truly was under each hypothesis, on feet that bear load."""
+        """Put robots where windows begin: as what was read truly was under each change, on feet that bear load."""
         m, windows, joints = self.model, self.windows, len(self.model.joints)
         pos, vel = np.tile(self.mj.qpos0, (len(ids), 1)), np.zeros((len(ids), self.mj.nv))
         pos[:, m.q_adr] = windows.q[w] - field("offset")

@@ -13,7 +13,7 @@ from mrwarp.robot_logs.causes import parameters_of
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import RobotLog, load_log
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, nuisances
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
 
@@ -32,7 +32,7 @@ def replayed(model: ReplayModel, log: RobotLog, windows: Windows, rows: int | No
     rng = np.random.default_rng(5)
     window = rng.integers(0, windows.count, len(theta))
     start = 0.3 * rng.normal(size=(len(theta), 1)) * nuisances(model)
-    found = Replay(model, windows, **engine).run(Hypotheses.of(parameters, theta, model), window, start)
+    found = Replay(model, windows, **engine).run(ParameterBatch.of(parameters, theta, model), window, start)
     return list(found.values())
 
 

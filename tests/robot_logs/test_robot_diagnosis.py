@@ -18,16 +18,16 @@ from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
 from mrwarp.robot_logs.causes import Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, Slopes, _currents_alone, gather, replayed
+from mrwarp.robot_logs.likelihood import Likelihood, Slopes, _currents_alone, gather, replayed
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
-from mrwarp.robot_logs.robot_fit import _loudest, fitted_alone, searched
+from mrwarp.robot_logs.robot_fit import _initial_guess, fitted_alone, searched
 from mrwarp.robot_logs.robot_log import LogError, load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.selection import (
     PARTS,
-    Direction,
     Found,
+    Hypothesis,
     bounds_of,
     bounds_without,
     half_width,
@@ -38,7 +38,7 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import Command, TrueRobot
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, _coil_current, nuisances
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, cut_windows, held_rows
 from tests.robot_logs.arm_log import arm_log, six_joint_log
 
@@ -157,7 +157,7 @@ def test_larger_kp_of_all_joints_is_smaller_kd_with_stronger_motors(tmp_path: Pa
     model = replay_model(tmp_path / "arm.xml", log)
     parameters, (windows, *_) = parameters_of(model, log), cut_windows(model, log)
     kp, kd = (
-        Direction(cause=name, where="robot", members=tuple(k for k, p in enumerate(parameters) if p.cause == name))
+        Hypothesis(cause=name, where="robot", members=tuple(k for k, p in enumerate(parameters) if p.cause == name))
         for name in ("kp", "kd")
     )
     theta = np.zeros((3, len(parameters)))
@@ -166,16 +166,16 @@ def test_larger_kp_of_all_joints_is_smaller_kd_with_stronger_motors(tmp_path: Pa
     assert twin is not None and twin[list(kp.members)] == pytest.approx(0.0, abs=0.01)
     theta[2] = twin
     start = np.zeros((3, len(nuisances(model))))
-    q = Replay(model, windows).run(Hypotheses.of(parameters, theta, model), np.zeros(3, dtype=int), start)["q"]
+    q = Replay(model, windows).run(ParameterBatch.of(parameters, theta, model), np.zeros(3, dtype=int), start)["q"]
     assert np.abs(q[1] - q[0]).max() > 0.01
     assert np.abs(q[2] - q[1]).max() < 1e-4
 
 
 def test_a_known_strength_of_all_motors_is_the_torque_scale() -> None:
-    """Where it is released the session's own scale is held, for one number would be split in two."""
-    cause = {"session": "scale", "motor_strength": "strength"}
+    """Where it is free the session's own scale is held, for one number would be split in two."""
+    cause = {"nuisance": "scale", "motor_strength": "strength"}
     parameters = [replace(_parameter(), cause=name, field=field, spread=0.1) for name, field in cause.items()]
-    strength = Direction(cause="motor_strength", where="robot", members=(1,))
+    strength = Hypothesis(cause="motor_strength", where="robot", members=(1,))
     assert prior_of(parameters, [])[0, 0] == pytest.approx(100.0)
     assert prior_of(parameters, [strength])[0, 0] > 1e7
 
@@ -222,8 +222,8 @@ def test_more_drag_than_described_is_dry_friction_or_it() -> None:
     """Nothing in a log distinguishes a device's drag from a joint's dry friction."""
     dry = replace(_parameter(), cause="coulomb_friction", spread=0.5, fault=0.5, lowest=0.0)
     drag = replace(_parameter(), cause="device_drag", spread=0.05, step=-0.05, fault=0.5, highest=0.0)
-    (found,) = select(_evidence(np.full((64, 2, 2), 4e3), np.full((64, 2), 4e3 * 0.8)), [dry, drag])
-    assert (found.direction.cause, [d.cause for d in found.alternatives]) == ("coulomb_friction", ["device_drag"])
+    (found,) = select(_likelihood(np.full((64, 2, 2), 4e3), np.full((64, 2), 4e3 * 0.8)), [dry, drag])
+    assert (found.hypothesis.cause, [d.cause for d in found.alternatives]) == ("coulomb_friction", ["device_drag"])
 
 
 def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(tmp_path: Path) -> None:
@@ -236,9 +236,9 @@ def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(t
     log = load_log(folder)
     model = replay_model(folder / "arm.xml", log)
     groups, parameters = cut_windows(model, log), parameters_of(model, log)[:1]
-    evidence = gather(model, groups, parameters, np.zeros(1), print)
+    likelihood = gather(model, groups, parameters, np.zeros(1), print)
     assert np.isnan(groups[0].measured["current"]).any()
-    assert replayed(evidence, model, groups, parameters, np.zeros(1))[0] == pytest.approx(evidence.at(np.zeros(1)))
+    assert replayed(likelihood, model, groups, parameters, np.zeros(1))[0] == pytest.approx(likelihood.at(np.zeros(1)))
 
 
 def test_recordings_of_which_no_window_counts_are_not_replayed(tmp_path: Path) -> None:
@@ -257,12 +257,12 @@ def test_recordings_of_which_no_window_counts_are_not_replayed(tmp_path: Path) -
 def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
     """Eight windows at a time share one error: 95 % intervals hold the truth in 90 to 98 of a hundred logs."""
     p = _parameter()
-    d, rng, held = Direction(cause="kp", where="a", members=(0,)), np.random.default_rng(0), []
+    d, rng, held = Hypothesis(cause="kp", where="a", members=(0,)), np.random.default_rng(0), []
     for _ in range(400):
         error = np.repeat(rng.normal(size=8), 8) + 0.3 * rng.normal(size=64)
-        evidence = _evidence(np.ones((64, 1, 1)), error[:, None])
-        now = posterior(evidence, [p], [])
-        size = float(sizes(evidence.likelihood(), [p], [d], *bounds_of([p]))[0])
+        likelihood = _likelihood(np.ones((64, 1, 1)), error[:, None])
+        now = posterior(likelihood, [p], [])
+        size = float(sizes(likelihood.normal_equations(), [p], [d], *bounds_of([p]))[0])
         held.append(abs(size) < half_width(d.members, size, now, [p], lone=size))
     assert 0.90 <= np.mean(held) <= 0.98
 
@@ -270,13 +270,13 @@ def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
 def test_a_cause_whose_interval_reaches_to_no_fault_is_a_suspect() -> None:
     """A gain that one of eight parts of the log asks for is not clear; one that all ask for is."""
     p = _parameter()
-    f = Found(direction=Direction(cause="kp", where="a", members=(0,)), z=9.0, alternatives=())
+    f = Found(hypothesis=Hypothesis(cause="kp", where="a", members=(0,)), z=9.0, alternatives=())
 
     def clear(asked: np.ndarray) -> bool:
-        evidence = _evidence(np.ones((64, 1, 1)), np.repeat(asked, 8)[:, None])
-        size = sizes(evidence.likelihood(), [p], [f.direction], *bounds_of([p]))
+        likelihood = _likelihood(np.ones((64, 1, 1)), np.repeat(asked, 8)[:, None])
+        size = sizes(likelihood.normal_equations(), [p], [f.hypothesis], *bounds_of([p]))
         alone = robot_proof.Sizes(size=size, lone=size, wider=1.0)
-        found, rejected, *_ = robot_proof.clear_ones([f], evidence, [p], lambda _: (alone, evidence))
+        found, rejected, *_ = robot_proof.clear_ones([f], likelihood, [p], lambda _: (alone, likelihood))
         assert len(found) + len(rejected) == 1
         return bool(found)
 
@@ -288,34 +288,34 @@ def test_of_limbs_that_do_not_move_each_other_one_cause_goes_at_a_time() -> None
     """Two causes of each of two legs stand for each other: one of each leg goes, at once, and one of each stays."""
     parameters = [replace(_parameter(), where=where) for where in ("a1", "a2", "b1", "b2")]
     found = [
-        Found(direction=Direction(cause="kp", where=p.where, members=(k,)), z=9.0, alternatives=())
+        Found(hypothesis=Hypothesis(cause="kp", where=p.where, members=(k,)), z=9.0, alternatives=())
         for k, p in enumerate(parameters)
     ]
-    evidence, asked = _evidence(np.ones((40, 4, 4)), np.zeros((40, 4))), []
+    likelihood, asked = _likelihood(np.ones((40, 4, 4)), np.zeros((40, 4))), []
 
     def without(now: list[Found], tried: list[Found]) -> list[np.ndarray]:
         asked.append(len(tried))
-        alone = [sum(f.direction.where[0] == one.direction.where[0] for f in now) == 1 for one in tried]
+        alone = [sum(f.hypothesis.where[0] == one.hypothesis.where[0] for f in now) == 1 for one in tried]
         return [np.full(40, 10.0 if x else -1.0 - k) for k, x in enumerate(alone)]
 
     limbs = {p.where: p.where[0] for p in parameters}
-    kept, gone = robot_proof._certain(found, without, evidence, parameters, limbs)
-    assert sorted(f.direction.where[0] for f in kept) == sorted(f.direction.where[0] for f in gone) == ["a", "b"]
+    kept, gone = robot_proof._certain(found, without, likelihood, parameters, limbs)
+    assert sorted(f.hypothesis.where[0] for f in kept) == sorted(f.hypothesis.where[0] for f in gone) == ["a", "b"]
     assert asked == [4, 2]
     asked.clear()
-    assert len(robot_proof._certain(found, without, evidence, parameters)[0]) == 2
+    assert len(robot_proof._certain(found, without, likelihood, parameters)[0]) == 2
     assert asked == [4, 3, 1]
 
 
 def test_windows_in_which_a_cause_could_not_act_have_no_say() -> None:
     """A coil that was asked for current in every third window: what the others lose or gain without it is chance."""
     p = _parameter()
-    f = Found(direction=Direction(cause="coil_dead", where="a", members=(0,)), z=9.0, alternatives=())
+    f = Found(hypothesis=Hypothesis(cause="coil_dead", where="a", members=(0,)), z=9.0, alternatives=())
     acts = np.arange(60) % 3 == 0
-    evidence = _evidence(np.where(acts, 1.0, 1e-4)[:, None, None], np.zeros((60, 1)))
+    likelihood = _likelihood(np.where(acts, 1.0, 1e-4)[:, None, None], np.zeros((60, 1)))
 
     def certain(gain: np.ndarray) -> bool:
-        return bool(robot_proof._certain([f], lambda *_: [gain], evidence, [p])[0])
+        return bool(robot_proof._certain([f], lambda *_: [gain], likelihood, [p])[0])
 
     assert certain(np.where(acts, 10.0, -1.0))
     assert not certain(np.where(acts, np.where(np.arange(60) % 2, 10.0, -8.0), 5.0))
@@ -323,15 +323,15 @@ def test_windows_in_which_a_cause_could_not_act_have_no_say() -> None:
 
 def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
     """Twelve drives that all settle off their commands give the readings that one weight gives."""
-    weight = Direction(cause="kp", where="a", members=(0,))
-    found = [Found(direction=weight, z=9.0, alternatives=())]
+    weight = Hypothesis(cause="kp", where="a", members=(0,))
+    found = [Found(hypothesis=weight, z=9.0, alternatives=())]
     reading = np.array([1.0, *np.full(12, 1.0 / 12)])
     noise = np.random.default_rng(0).normal(size=64)
-    evidence = _evidence(np.tile(np.outer(reading, reading), (64, 1, 1)), (4.0 + noise)[:, None] * reading)
+    likelihood = _likelihood(np.tile(np.outer(reading, reading), (64, 1, 1)), (4.0 + noise)[:, None] * reading)
 
     def proven(spread: float) -> bool:
-        drives = [replace(_parameter(), cause="session", spread=spread) for _ in range(12)]
-        return bool(robot_proof.cross_validated(found, evidence, [replace(_parameter(), spread=0.1), *drives])[0])
+        drives = [replace(_parameter(), cause="nuisance", spread=spread) for _ in range(12)]
+        return bool(robot_proof.cross_validated(found, likelihood, [replace(_parameter(), spread=0.1), *drives])[0])
 
     assert proven(1.5)
     assert not proven(20.0)  # as drives are: then the log does not show it
@@ -346,8 +346,8 @@ def test_a_weight_on_the_trunk_is_no_heavy_hip() -> None:
     def named(truth: tuple[float, ...]) -> list[tuple[str, str]]:
         a = np.tile(readings.T @ readings * 100.0, (64, 1, 1))
         noise = 10.0 * np.random.default_rng(0).normal(size=(64, 2)) @ readings
-        found = select(_evidence(a, a[0] @ truth + noise), parameters)
-        return [(f.direction.cause, parameters[f.direction.members[0]].name) for f in found]
+        found = select(_likelihood(a, a[0] @ truth + noise), parameters)
+        return [(f.hypothesis.cause, parameters[f.hypothesis.members[0]].name) for f in found]
 
     assert named((1.0, 0.5, 0.0)) == [("trunk_mass", "mass"), ("trunk_com", "x")]
     assert named((0.0, 0.0, 1.0)) == [("link_mass", "mass")]
@@ -355,53 +355,53 @@ def test_a_weight_on_the_trunk_is_no_heavy_hip() -> None:
 
 def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit with the first asks for the second and back: each is fitted once, the likelier one stands."""
-    first, second = (Direction(cause="link_mass", where=x, members=(k,)) for k, x in enumerate("ab"))
+    first, second = (Hypothesis(cause="link_mass", where=x, members=(k,)) for k, x in enumerate("ab"))
     asked, fitted = [], []
-    evidence = _evidence(np.ones((8, 2, 2)), np.zeros((8, 2)))
+    likelihood = _likelihood(np.ones((8, 2, 2)), np.zeros((8, 2)))
 
     def select(*_) -> list[Found]:  # noqa: ANN002
         asked.append((first, second)[len(asked) % 2])
-        return [Found(direction=asked[-1], z=9.0, alternatives=())]
+        return [Found(hypothesis=asked[-1], z=9.0, alternatives=())]
 
-    def fit(*args) -> tuple[np.ndarray, Evidence, bool]:  # noqa: ANN002
+    def fit(*args) -> tuple[np.ndarray, Likelihood, bool]:  # noqa: ANN002
         fitted.append(asked[-1])
         return np.eye(2)[asked[-1].members[0]], args[4], True
 
-    def replayed(evidence: Evidence, *args) -> tuple[float, Evidence]:  # noqa: ANN002
-        return 100.0 * float(args[-1][1]), evidence  # the second's fit is worse
+    def replayed(likelihood: Likelihood, *args) -> tuple[float, Likelihood]:  # noqa: ANN002
+        return 100.0 * float(args[-1][1]), likelihood  # the second's fit is worse
 
     stubs = {
-        "gather": lambda *_: evidence, "select": select, "fit": fit, "replayed": replayed,
-        "cross_validated": lambda found, *_: (found, []), "fitted_alone": lambda *_: (np.zeros(2), evidence, []),
-        "_loudest": lambda *_: (np.zeros(2), []), "_session": lambda *_: np.zeros(2),
+        "gather": lambda *_: likelihood, "select": select, "fit": fit, "replayed": replayed,
+        "cross_validated": lambda found, *_: (found, []), "fitted_alone": lambda *_: (np.zeros(2), likelihood, []),
+        "_initial_guess": lambda *_: (np.zeros(2), []), "_nuisances": lambda *_: np.zeros(2),
     }  # fmt: skip
     for name, stub in stubs.items():
         monkeypatch.setattr(robot_fit, name, stub)
-    theta, released, *_ = robot_fit.fitted(SimpleNamespace(free=True), [], [_parameter(), _parameter()], print)
+    theta, free, *_ = robot_fit.fitted(SimpleNamespace(free=True), [], [_parameter(), _parameter()], print)
     assert fitted == [first, second]
-    assert released == [first] and theta.tolist() == [1.0, 0.0]
+    assert free == [first] and theta.tolist() == [1.0, 0.0]
 
 
 @pytest.mark.parametrize(("motor", "named", "rivals"), [(105.0, 0, [1]), (95.0, 1, [0]), (150.0, 0, [])])
 def test_a_motor_s_strength_begins_at_the_size_of_kp_and_is_its_alternative(
     motor: float, named: int, rivals: list[int]
 ) -> None:
-    """The replay leaves 100 with Kp: the one that leaves less is released, one that leaves little more is a rival."""
+    """The replay leaves 100 with Kp: the one that leaves less is free, one that leaves little more is a rival."""
     names = ("kp", "motor_strength")
     parameters = [replace(_parameter(), cause=name) for name in names]
-    kp, strength = (Direction(cause=name, where="a", members=(k,)) for k, name in enumerate(names))
-    evidence, begun, found = _evidence(np.ones((8, 2, 2)), np.zeros((8, 2))), [], {}
+    kp, strength = (Hypothesis(cause=name, where="a", members=(k,)) for k, name in enumerate(names))
+    likelihood, begun, found = _likelihood(np.ones((8, 2, 2)), np.zeros((8, 2))), [], {}
 
-    def refit(directions: list[Direction], sizes: dict[int, float], _: None) -> tuple[np.ndarray, Evidence, bool]:
-        begun.append((directions, sizes))
-        return np.array([-0.2, 0.0] if directions == [kp] else [0.0, -0.2]), evidence, True
+    def refit(hypotheses: list[Hypothesis], sizes: dict[int, float], _: None) -> tuple[np.ndarray, Likelihood, bool]:
+        begun.append((hypotheses, sizes))
+        return np.array([-0.2, 0.0] if hypotheses == [kp] else [0.0, -0.2]), likelihood, True
 
-    _, released, *_ = robot_fit._one_drive(
-        np.array([-0.2, 0.0]), [kp], evidence, True, parameters, refit, lambda x, _: 100.0 if x[0] else motor, found
+    _, free, *_ = robot_fit._one_drive(
+        np.array([-0.2, 0.0]), [kp], likelihood, True, parameters, refit, lambda x, _: 100.0 if x[0] else motor, found
     )
     assert begun == [([strength], {1: -0.2}), ([(strength, kp)[named]], None)]
-    assert released == [(kp, strength)[named]]
-    assert found == {released[0]: [(kp, strength)[k] for k in rivals]}
+    assert free == [(kp, strength)[named]]
+    assert found == {free[0]: [(kp, strength)[k] for k in rivals]}
 
 
 def test_a_drive_s_cause_goes_on_from_where_the_fit_of_another_came() -> None:
@@ -410,20 +410,20 @@ def test_a_drive_s_cause_goes_on_from_where_the_fit_of_another_came() -> None:
         replace(_parameter(), cause=cause, field=field, index=0)
         for cause, field in (("kp", "kp"), ("kd", "kd"), ("motor_strength", "strength"))
     ]
-    kp, kd, motor = (Direction(cause=p.cause, where="a", members=(k,)) for k, p in enumerate(parameters))
-    evidence = _evidence(np.ones((8, 3, 3)), np.zeros((8, 3)))
+    kp, kd, motor = (Hypothesis(cause=p.cause, where="a", members=(k,)) for k, p in enumerate(parameters))
+    likelihood = _likelihood(np.ones((8, 3, 3)), np.zeros((8, 3)))
     leaves = {kd: 120.0, motor: 90.0}
 
     def refit(
-        directions: list[Direction], sizes: dict[int, float] | None, twin: np.ndarray | None
-    ) -> tuple[np.ndarray, Evidence, bool]:
+        hypotheses: list[Hypothesis], sizes: dict[int, float] | None, twin: np.ndarray | None
+    ) -> tuple[np.ndarray, Likelihood, bool]:
         theta = np.array([0.0, 0.1, -0.19]) if twin is None else twin
-        return np.append(theta, leaves[directions[0]] if twin is None else 80.0), evidence, True
+        return np.append(theta, leaves[hypotheses[0]] if twin is None else 80.0), likelihood, True
 
-    theta, released, *_ = robot_fit._one_drive(
-        np.array([-0.2, 0.0, 0.0, 100.0]), [kp], evidence, True, parameters, refit, lambda x, _: x[-1], {}
+    theta, free, *_ = robot_fit._one_drive(
+        np.array([-0.2, 0.0, 0.0, 100.0]), [kp], likelihood, True, parameters, refit, lambda x, _: x[-1], {}
     )
-    assert released == [kp]
+    assert free == [kp]
     same = (1.0 + theta[2]) * (1.0 + theta[:2])
     assert same == pytest.approx([0.81, 0.81 * 1.1])  # the same drive, the other two as healthy as can be
     assert theta[1:3] == pytest.approx(np.sqrt(0.81 * 1.1) - 1.0)
@@ -432,16 +432,16 @@ def test_a_drive_s_cause_goes_on_from_where_the_fit_of_another_came() -> None:
 @pytest.mark.parametrize(("size", "scale", "named"), [(-0.4, 0.4, "kd"), (-0.4, -0.1, "kp"), (0.5, -0.25, "kd")])
 def test_of_kp_and_kd_the_likelier_with_its_torque_scale_is_named(size: float, scale: float, named: str) -> None:
     """They are one robot but for that scale: the fit, which came to Kp of all joints, does not say which of them."""
-    fields = {"kp": ("kp", 0.3), "kd": ("kd", 0.5), "session": ("scale", 0.0)}
+    fields = {"kp": ("kp", 0.3), "kd": ("kd", 0.5), "nuisance": ("scale", 0.0)}
     parameters = [
         replace(_parameter(), cause=cause, where=where, field=field, fault=fault, spread=0.1, lowest=-0.3, highest=0.41)
         for cause, (field, fault) in fields.items()
-        for where in ("ab" if cause != "session" else ["robot"])
+        for where in ("ab" if cause != "nuisance" else ["robot"])
     ]
-    both = {x: Direction(cause=x, where="robot", members=m) for x, m in (("kp", (0, 1)), ("kd", (2, 3)))}
-    kp = Found(direction=both["kp"], z=9.0, alternatives=(both["kd"],))
+    both = {x: Hypothesis(cause=x, where="robot", members=m) for x, m in (("kp", (0, 1)), ("kd", (2, 3)))}
+    kp = Found(hypothesis=both["kp"], z=9.0, alternatives=(both["kd"],))
     (found,), theta = robot_fit.likelier([kp], np.array([size, size, 0.0, 0.0, scale]), parameters)
-    assert found.direction == both[named]
+    assert found.hypothesis == both[named]
     if named == "kd":
         own = 1.0 / (1.0 + size) - 1.0
         assert found.alternatives == (both["kp"],)
@@ -453,10 +453,10 @@ def test_a_drive_s_cause_is_the_one_that_the_replay_needed(confirmed: list[int])
     """Derivatives ask for Kp; the fit by the replay was as good with the motor's strength alone, and it stands."""
     names = ("kp", "motor_strength")
     parameters = [replace(_parameter(), cause=name, spread=0.01, fault=1.0, least=0.01) for name in names]
-    both = [Direction(cause=name, where="a", members=(k,)) for k, name in enumerate(names)]
+    both = [Hypothesis(cause=name, where="a", members=(k,)) for k, name in enumerate(names)]
     a = np.tile(1e5 * np.array([[1.0, 0.999], [0.999, 1.0]]), (16, 1, 1))
-    found = select(_evidence(a, a @ np.array([0.2, 0.0])), parameters, [both[k] for k in confirmed])
-    assert [f.direction for f in found] == [both[k] for k in confirmed or [0]]
+    found = select(_likelihood(a, a @ np.array([0.2, 0.0])), parameters, [both[k] for k in confirmed])
+    assert [f.hypothesis for f in found] == [both[k] for k in confirmed or [0]]
 
 
 @pytest.mark.parametrize("own", [0.3, 0.6])
@@ -465,25 +465,25 @@ def test_a_joint_s_gain_beside_that_of_all_joints_is_one_that_differs(own: float
     parameters = [replace(_parameter(), where=where, spread=0.02, fault=0.3, least=0.02) for where in "abcd"]
     truth, a = np.array([own, 0.3, 0.3, 0.3]), np.tile(1e3 * np.eye(4), (64, 1, 1))
     noise = np.random.default_rng(0).normal(0.0, 3.0, (64, 4))
-    evidence = replace(_evidence(a, a @ truth + noise), square=np.full(64, truth @ a[0] @ truth))
-    wide, one = (Direction(cause="kp", where=w, members=m) for w, m in (("robot", (0, 1, 2, 3)), ("a", (0,))))
+    likelihood = replace(_likelihood(a, a @ truth + noise), square=np.full(64, truth @ a[0] @ truth))
+    wide, one = (Hypothesis(cause="kp", where=w, members=m) for w, m in (("robot", (0, 1, 2, 3)), ("a", (0,))))
     found, _ = robot_proof.cross_validated(
-        [Found(direction=d, z=9.0, alternatives=()) for d in (wide, one)], evidence, parameters
+        [Found(hypothesis=d, z=9.0, alternatives=()) for d in (wide, one)], likelihood, parameters
     )
-    assert [f.direction for f in found] == [wide, one][: 1 + (own != 0.3)]
+    assert [f.hypothesis for f in found] == [wide, one][: 1 + (own != 0.3)]
 
 
 def test_what_all_joints_have_in_common_is_told_without_the_one_that_differs() -> None:
     """Kp is 1.3 times the description's at all joints, but 1.6 times at the first."""
     parameters = [replace(_parameter(), where=where, nominal=1.0) for where in "abcd"]
     truth, a = np.array([0.6, 0.31, 0.30, 0.29]), np.tile(1e3 * np.eye(4), (64, 1, 1))
-    evidence, released = _evidence(a, a @ truth), []
+    likelihood, free = _likelihood(a, a @ truth), []
     for where, members in (("robot", (0, 1, 2, 3)), ("a", (0,))):
-        released.append(Direction(cause="kp", where=where, members=members))
-    found = [Found(direction=d, z=9.0, alternatives=()) for d in released]
+        free.append(Hypothesis(cause="kp", where=where, members=members))
+    found = [Found(hypothesis=d, z=9.0, alternatives=()) for d in free]
     about = robot_proof.Sizes(size=truth, lone=truth, wider=1.0)
     named = [
-        robot_diagnosis._named(f, found, about, evidence, parameters, posterior(evidence, parameters, released))
+        robot_diagnosis._named(f, found, about, likelihood, parameters, posterior(likelihood, parameters, free))
         for f in found
     ]
     assert [c.parameters["factor"].value for c in named] == pytest.approx([1.3, 1.6])
@@ -495,10 +495,10 @@ def _parameter() -> Parameter:
     return Parameter(cause="kp", where="a", name="gain", unit="1", field="kp", index=0, **size)
 
 
-def _evidence(a: np.ndarray, b: np.ndarray) -> Evidence:
+def _likelihood(a: np.ndarray, b: np.ndarray) -> Likelihood:
     """Of W windows, shapes (W, P, P) and (W, P)."""
     count = len(a)
-    return Evidence(
+    return Likelihood(
         information=a,
         score=b,
         square=np.zeros(count),
@@ -582,7 +582,10 @@ def test_a_robot_begins_as_it_stands_under_a_hypothesis(tmp_path: Path) -> None:
     for size in (0.0, 0.04):
         offset = np.zeros((group.count, len(model.joints)))
         offset[:, model.joints.index("FR_hip")] = size
-        changes, start = Hypotheses({"bias": bias, "offset": offset}), np.zeros((group.count, len(nuisances(model))))
+        changes, start = (
+            ParameterBatch({"bias": bias, "offset": offset}),
+            np.zeros((group.count, len(nuisances(model)))),
+        )
         found = Replay(model, group).run(changes, np.arange(group.count), start)
         assert np.abs(found["gyro"][:, 0] - group.measured["gyro"][:, 0]).max() < 0.01
         assert np.abs(found["q"][:, 0] - group.measured["q"][:, 0]).max() < 1e-3
@@ -605,11 +608,11 @@ def test_soft_ground_is_replayed_by_one_into_which_feet_sink(
     model = replay_model(Path("mr_go"), log)
     (group,) = cut_windows(model, log)
     own = [p for p in parameters_of(model, log) if p.cause == cause][:1]
-    assert own[0].of_session == (cause == "ground_stiffness")
+    assert own[0].is_nuisance == (cause == "ground_stiffness")
     assert own[0].absolute(size) == pytest.approx(1.0 / (1.0 + size))
     wrong = []
     for change in (0.0, size):
-        changes = Hypotheses.of(own, np.full((group.count, 1), change), model)
+        changes = ParameterBatch.of(own, np.full((group.count, 1), change), model)
         start = np.zeros((group.count, len(nuisances(model))))
         found = Replay(model, group).run(changes, np.arange(group.count), start)
         wrong.append(np.median(np.abs(found["gyro"] - group.measured["gyro"])))
@@ -627,7 +630,7 @@ def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
     outwards = np.array([1.0 if model.joints[k].startswith(("FL", "RL")) else -1.0 for k in hips])
     shift[:, hips] = 0.02 * outwards
     start = np.zeros((group.count, len(nuisances(model))))
-    q = Replay(model, group).run(Hypotheses({"shift": shift}), np.arange(group.count), start)["q"][:, :, hips]
+    q = Replay(model, group).run(ParameterBatch({"shift": shift}), np.arange(group.count), start)["q"][:, :, hips]
     moved = q[:, -1] - q[:, group.t.shape[1] // 2]
     assert abs(np.median((moved * outwards).mean(axis=1))) < 2e-4
 
@@ -679,7 +682,7 @@ def test_a_steady_pull_accelerates_the_robot_in_the_air(tmp_path: Path) -> None:
     for newton in (0.0, 10.0):
         pull = np.tile([0.0, newton], (group.count, 1))
         start = np.zeros((group.count, len(nuisances(model))))
-        found = Replay(model, high).run(Hypotheses({"pull": pull}), np.arange(group.count), start)
+        found = Replay(model, high).run(ParameterBatch({"pull": pull}), np.arange(group.count), start)
         speeds.append(found["vel"][:, -1])
     gained = 10.0 / model.model.body_mass.sum() * group.t[0, -1]
     assert np.median(speeds[1] - speeds[0], axis=0) == pytest.approx([0.0, gained, 0.0], abs=0.1 * gained)
@@ -694,7 +697,7 @@ def test_a_torque_was_read_before_the_row_s_command_acts(tmp_path: Path) -> None
     count = group.count
     replay = Replay(model, replace(group, measured=group.measured | {"tau": np.zeros_like(group.measured["q"])}))
     start = np.zeros((count, len(nuisances(model))))
-    found = replay.run(Hypotheses({}), np.arange(count), start)
+    found = replay.run(ParameterBatch({}), np.arange(count), start)
     kp, kd = log.kp, log.kd
     for w in range(count):
         run, first = log.runs[group.run[w]], group.start[w]
@@ -761,11 +764,11 @@ def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """They end at 7 ms of a delay of 12 ms, where the replay is best; the rest of a session is fitted with it."""
-    p = replace(_parameter(), cause="command_delay", field="delay", least=0.0015, every_session=True)
+    p = replace(_parameter(), cause="command_delay", field="delay", least=0.0015, always_free=True)
     begun = []
 
-    def fitted_alone(*args) -> tuple[np.ndarray, Evidence, list[int]]:  # noqa: ANN002
-        return np.maximum(args[4], 0.007), _evidence(np.ones((8, 1, 1)), np.zeros((8, 1))), [0]
+    def fitted_alone(*args) -> tuple[np.ndarray, Likelihood, list[int]]:  # noqa: ANN002
+        return np.maximum(args[4], 0.007), _likelihood(np.ones((8, 1, 1)), np.zeros((8, 1))), [0]
 
     def fit(*args) -> tuple[np.ndarray, None, bool]:  # noqa: ANN002
         begun.append(float(args[3][0]))
@@ -774,17 +777,17 @@ def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest
     monkeypatch.setattr(robot_fit, "fitted_alone", fitted_alone)
     monkeypatch.setattr(robot_fit, "fit", fit)
     monkeypatch.setattr(robot_fit, "replayed", lambda e, m, g, p, x: (1e9 * (x[0] - 0.012) ** 2, None))
-    assert robot_fit._session(None, [], [p])[0] == pytest.approx(0.012, abs=1e-4)
+    assert robot_fit._nuisances(None, [], [p])[0] == pytest.approx(0.012, abs=1e-4)
     assert begun == [pytest.approx(0.012, abs=1e-4)]
 
 
 def test_a_delay_that_is_a_fault_is_no_part_of_the_error_before() -> None:
     """Every session has one, within a row: the error without the cause is that of the latest that is no fault."""
-    p = replace(_parameter(), cause="command_delay", field="delay", usual=(0.0, 0.006), every_session=True)
-    d = Direction(cause="command_delay", where="robot", members=(0,))
-    evidence = _evidence(np.ones((64, 1, 1)), np.full((64, 1), 0.012))
+    p = replace(_parameter(), cause="command_delay", field="delay", usual=(0.0, 0.006), always_free=True)
+    d = Hypothesis(cause="command_delay", where="robot", members=(0,))
+    likelihood = _likelihood(np.ones((64, 1, 1)), np.full((64, 1), 0.012))
     before, after = (
-        sizes(evidence.likelihood(), [p], own, *bounds)[0]
+        sizes(likelihood.normal_equations(), [p], own, *bounds)[0]
         for own, bounds in (([], bounds_without([p], [d])), ([d], bounds_of([p])))
     )
     assert (before, after) == (pytest.approx(0.006), pytest.approx(0.012))
@@ -823,10 +826,10 @@ def test_a_weak_device_is_the_single_change_that_replays_best(tmp_path: Path) ->
     theta, _, _ = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), *bounds_of(parameters))
     floor = next(k for k, p in enumerate(parameters) if p.cause == "ground_stiffness")
     assert theta[floor] < -0.2  # the virtual robot's floor is stiffer than the description's
-    evidence = gather(model, groups, parameters, theta, print)
-    begin, (loudest,) = _loudest(model, groups, parameters, evidence, theta)
-    assert (loudest.cause, loudest.where) == ("device_strength", "FR_calf")
-    assert begin[list(loudest.members)] == pytest.approx(-0.5, abs=0.15)
+    likelihood = gather(model, groups, parameters, theta, print)
+    guess, (guessed,) = _initial_guess(model, groups, parameters, likelihood, theta)
+    assert (guessed.cause, guessed.where) == ("device_strength", "FR_calf")
+    assert guess[list(guessed.members)] == pytest.approx(-0.5, abs=0.15)
 
 
 def _diagnosed(folder: Path) -> RobotDiagnosis:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mrwarp.robot_logs import single_changes
-from mrwarp.robot_logs.selection import Direction
+from mrwarp.robot_logs.selection import Hypothesis
 from mrwarp.robot_logs.single_changes import KEPT, SCREENED, screened
 
 
@@ -21,7 +21,7 @@ def test_of_many_changes_the_best_by_some_windows_are_kept(monkeypatch: pytest.M
         return np.abs(robots[:, 0] - 7.0)
 
     monkeypatch.setattr(single_changes, "left_by_each", left)
-    d = Direction(cause="kp", where="a", members=(0,))
+    d = Hypothesis(cause="kp", where="a", members=(0,))
     tried = [(np.array([float(k)]), d, 100.0 * (k == 7)) for k in range(30)]
     found = screened(tried, SimpleNamespace(), SimpleNamespace(), [], [])
     assert (asked, len(found)) == ([SCREENED], KEPT)

@@ -13,7 +13,7 @@ from mrwarp.robot_logs.causes import parameters_of
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
-from mrwarp.robot_logs.window_replay import Hypotheses
+from mrwarp.robot_logs.window_replay import ParameterBatch
 from mrwarp.robot_logs.windows import cut_windows
 
 LIMBS = ("left", "right", "rear")
@@ -46,10 +46,10 @@ def _derivatives(path: Path, monkeypatch: pytest.MonkeyPatch, *, separate: bool 
     log = load_log(path)
     model = replay_model(path / "robot.xml", log)
     parameters, (windows, *_) = parameters_of(model, log), cut_windows(model, log)
-    robots, of = [0], Hypotheses.of
+    robots, of = [0], ParameterBatch.of
     count = staticmethod(lambda p, x, m: robots.append(robots.pop() + len(x)) or of(p, x, m))
     with monkeypatch.context() as patched:
-        patched.setattr(slopes.Hypotheses, "of", count)
+        patched.setattr(slopes.ParameterBatch, "of", count)
         found = slopes_of(model, windows, parameters, np.array([0.01 * p.fault for p in parameters]), lambda _: None)
     return found, robots[0] // windows.count
 

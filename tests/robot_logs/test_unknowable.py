@@ -12,7 +12,7 @@ from mrwarp.robot_logs import unknowable
 from mrwarp.robot_logs.causes import Field, Parameter
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_log import load_log
-from mrwarp.robot_logs.selection import Direction
+from mrwarp.robot_logs.selection import Hypothesis
 from mrwarp.robot_logs.unknowable import (
     ARM_MOTIONS,
     MOTIONS,
@@ -104,7 +104,7 @@ def test_what_the_verdict_speaks_of_has_shown_in_the_log(
         asked=np.ones(2),
         limited=np.zeros(2, dtype=bool),
     )
-    named = [Direction(cause=cause, where=where, members=members) for cause, where, members in shown]
+    named = [Hypothesis(cause=cause, where=where, members=members) for cause, where, members in shown]
     found = cannot_know(SimpleNamespace(sigma={}), p, model, log, now, shown=named)
     speak = {text.partition(":")[0] for text in found if text.startswith(("kp", "torque_limit", "motor_strength"))}
     assert speak == left
@@ -158,12 +158,12 @@ def test_how_well_feet_hold_is_told_where_they_slip(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(unknowable, "foot_slipped", lambda model, log: slipped)
     monkeypatch.setattr(unknowable, "replayed", lambda e, m, g, p, x: (1e6 * max(0.3 - 0.8 * (1.0 + x[0]), 0.0), None))
     model, log = SimpleNamespace(free=True, devices=()), SimpleNamespace(runs=[], kp=np.ones(1), tau_is="estimate")
-    evidence = SimpleNamespace(sigma={}, scale=1.0)
-    holds = friction_that_holds(evidence, model, log, [], [p], np.array([0.1]))
+    likelihood = SimpleNamespace(sigma={}, scale=1.0)
+    holds = friction_that_holds(likelihood, model, log, [], [p], np.array([0.1]))
     assert (holds is None) == slipped
     assert holds is None or holds == pytest.approx(0.3, abs=0.03)
     now = SimpleNamespace(covariance=np.array([[1e-8]]), precision=np.array([[1e2]]))  # by derivatives it is known
-    found = [x for x in cannot_know(evidence, [p], model, log, now, holds) if x.startswith("ground_friction")]
+    found = [x for x in cannot_know(likelihood, [p], model, log, now, holds) if x.startswith("ground_friction")]
     assert len(found) == int(not slipped)
     if found:
         assert found[0].startswith("ground_friction of robot beyond 0.3: no foot slipped; walk")

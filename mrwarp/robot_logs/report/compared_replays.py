@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows
 
 UNITS = {
@@ -50,7 +50,7 @@ def compare(d: RobotDiagnosis) -> list[Compared]:
         replay, every = Replay(d.model, windows), np.arange(windows.count)
         start = np.zeros((windows.count, len(nuisances(d.model))))
         both = [
-            replay.run(Hypotheses.of(list(d.parameters), np.tile(theta, (windows.count, 1)), d.model), every, start)
+            replay.run(ParameterBatch.of(list(d.parameters), np.tile(theta, (windows.count, 1)), d.model), every, start)
             for theta in (plain, plain + d.theta)
         ]
         offset = np.array([begins[r] + d.log.runs[r].t[s] for r, s in zip(windows.run, windows.start, strict=True)])

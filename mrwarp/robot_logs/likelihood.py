@@ -1,4 +1,4 @@
-"""A log's information on every number: derivatives of the replays, without the unknown start of each window.
+"""A log's quadratic likelihood in every number: derivatives of replays, without the unknown start of each window.
 
 Around a robot ``theta`` the mismatch of window w is ``r_w - J_w*(change) - Z_w*(start)``. The start is eliminated with
 its prior, channels weigh by what is left in them, and what remains is a quadratic form per window: the unit by which
@@ -15,7 +15,7 @@ import numpy as np
 from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances, side_by_side
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances, side_by_side
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.sysid.least_squares import Rules, minimise
 from mrwarp.sysid.pieces import Pieces, Quadratic, about_origin
@@ -49,8 +49,8 @@ a robot at rest smaller errors would be blamed on causes."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence(Pieces):
-    """Quadratic forms of W windows in the P parameters, about the origin of the parameters."""
+class Likelihood(Pieces):
+    """Quadratic likelihood: forms of W windows in the P parameters, about the origin of the parameters."""
 
     weight: np.ndarray
     """By which each window counts in these, shape (W,)."""
@@ -75,8 +75,8 @@ class Evidence(Pieces):
         """Weighted squared mismatch at parameters, as the derivatives have it [1]."""
         return float(self.left(theta).sum())
 
-    def likelihood(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information, (P, P), and score, (P,), of all windows, in units of a likelihood."""
+    def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information, (P, P), and score, (P,), of all windows, in units of a logarithm of a likelihood."""
         information, score = self.sums()
         return information / self.scale, score / self.scale
 
@@ -91,9 +91,9 @@ class Evidence(Pieces):
         new[members] = np.clip(times * x[members], low[members], high[members])
         return new
 
-    def of(self, free: Sequence[int]) -> Evidence:
-        """Evidence on some of the parameters, the others as described."""
-        k = list(free)
+    def of(self, indices: Sequence[int]) -> Likelihood:
+        """The likelihood of some of the parameters, the others as described."""
+        k = list(indices)
         return replace(
             self,
             information=self.information[:, k][:, :, k],
@@ -108,7 +108,7 @@ def gather(
     parameters: list[Parameter],
     theta: np.ndarray,
     log: Callable[[str], None],
-) -> Evidence:
+) -> Likelihood:
     """Replay all windows at ``theta`` and around it.
 
     Channels and windows are weighed by what is left in them when every number may be a fault: by what a healthy robot
@@ -150,7 +150,7 @@ def gather(
     samples = round(sum(w.t.shape[1] * w.distinct.sum() for w in groups))
     weight = (weight * distinct)[keep]
     pieces = pieces.some(keep).times(weight)
-    return Evidence(
+    return Likelihood(
         **vars(pieces),
         weight=weight,
         scale=_overstated(pieces, prior),
@@ -165,42 +165,50 @@ def gather(
 
 
 def replayed(
-    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
-) -> tuple[float, Evidence]:
-    """Weighted squared mismatch at parameters, as the replay has it: the value that :meth:`Evidence.at` predicts [1].
+    likelihood: Likelihood,
+    model: ReplayModel,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
+    theta: np.ndarray,
+) -> tuple[float, Likelihood]:
+    """Weighted squared mismatch at parameters, as the replay has it: the value that :meth:`Likelihood.at` predicts [1].
 
     Steps are those of the derivatives where the robot is held, see :func:`_nearby`.
 
     Returns:
-        It, and the evidence about ``theta`` with the slopes and weights of ``evidence``.
+        It, and the likelihood about ``theta`` with the slopes and weights of ``likelihood``.
     """
     score, total = [], []
-    every = np.tile(theta, (len(evidence.square), 1))
-    kept = _kept(evidence, model, groups, parameters, every, nearby=not model.free)
-    for slopes, (own, left) in zip(evidence.slopes, kept, strict=True):
-        sigma = slopes.scale(evidence.sigma)
+    every = np.tile(theta, (len(likelihood.square), 1))
+    kept = _kept(likelihood, model, groups, parameters, every, nearby=not model.free)
+    for slopes, (own, left) in zip(likelihood.slopes, kept, strict=True):
+        sigma = slopes.scale(likelihood.sigma)
         for w, r in zip(own, left, strict=True):
             r, z = r / sigma, slopes.z[w] / sigma
             solved = _best_start(z, r)
             clean = (r - solved @ z) / sigma
             score.append(slopes.j[w] @ clean.astype(np.float32))
             total.append(r @ r - (z @ r) @ solved)
-    b, c = evidence.weight[:, None] * np.array(score, dtype=float), evidence.weight * np.array(total)
+    b, c = likelihood.weight[:, None] * np.array(score, dtype=float), likelihood.weight * np.array(total)
     if not np.isfinite(c).all():
-        return np.inf, evidence
-    moved = about_origin(replace(evidence, score=b, square=c), theta)
+        return np.inf, likelihood
+    moved = about_origin(replace(likelihood, score=b, square=c), theta)
     return float(c.sum()), moved
 
 
 def losses(
-    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
+    likelihood: Likelihood,
+    model: ReplayModel,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
+    theta: np.ndarray,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Rest of each window that counts, by the replay.
 
     Args:
-        evidence: Weights, derivatives by the windows' start, and which of the groups' windows count.
+        likelihood: Weights, derivatives by the windows' start, and which of the groups' windows count.
         model: The robot.
-        groups: The windows of ``evidence``.
+        groups: The windows of ``likelihood``.
         parameters: P parameters.
         theta: Values for each of the W windows that count, shape (W, P).
 
@@ -211,13 +219,13 @@ def losses(
     """
     totals, squares = [], {}
     for windows, slopes, (own, left) in zip(
-        groups, evidence.slopes, _kept(evidence, model, groups, parameters, theta), strict=True
+        groups, likelihood.slopes, _kept(likelihood, model, groups, parameters, theta), strict=True
     ):
         zero = mismatch(windows.measured, windows.measured)
         for name, x in slopes.channels(left):
             read = np.isfinite(zero[name]).any(axis=(0, 1))
             squares.setdefault(name, []).append((x**2).mean(axis=1)[:, read])
-        sigma = slopes.scale(evidence.sigma)
+        sigma = slopes.scale(likelihood.sigma)
         for w, r in zip(own, left / sigma, strict=True):
             if not np.isfinite(r).all():
                 totals.append(np.inf)
@@ -228,7 +236,7 @@ def losses(
 
 
 def left_by_each(
-    evidence: Evidence,
+    likelihood: Likelihood,
     model: ReplayModel,
     groups: Sequence[Windows],
     parameters: list[Parameter],
@@ -243,14 +251,14 @@ def left_by_each(
     :func:`_nearby`.
     """
     found, first, done = np.zeros(len(thetas)), 0, 0
-    for windows, slopes, rows in zip(groups, evidence.slopes, evidence.rows, strict=True):
-        own = np.flatnonzero(evidence.keep[first : first + windows.count])
+    for windows, slopes, rows in zip(groups, likelihood.slopes, likelihood.rows, strict=True):
+        own = np.flatnonzero(likelihood.keep[first : first + windows.count])
         first += windows.count
         if not len(own):
             continue
-        weight = evidence.weight[done : done + len(own) : every]
+        weight = likelihood.weight[done : done + len(own) : every]
         done += len(own)
-        own, sigma = own[::every], slopes.scale(evidence.sigma)
+        own, sigma = own[::every], slopes.scale(likelihood.sigma)
         robots = np.repeat(thetas, len(own), axis=0)
         where = np.tile(own, len(thetas))
         if model.free and every == 1:
@@ -264,11 +272,11 @@ def left_by_each(
             start = _best_start(z, r.T)
             loss = (r**2).sum(axis=1) - ((r @ z.T) * start.T).sum(axis=1)
             found += every * weight[k] * np.where(whole, loss, np.inf)
-    return found / evidence.scale
+    return found / likelihood.scale
 
 
 def _kept(
-    evidence: Evidence,
+    likelihood: Likelihood,
     model: ReplayModel,
     groups: Sequence[Windows],
     parameters: list[Parameter],
@@ -278,8 +286,8 @@ def _kept(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Of each group the windows that count, and their mismatch (W, N) at ``theta``, (W, P); 0 without a reading."""
     first = done = 0
-    for windows, slopes, rows in zip(groups, evidence.slopes, evidence.rows, strict=True):
-        own = np.flatnonzero(evidence.keep[first : first + windows.count])
+    for windows, slopes, rows in zip(groups, likelihood.slopes, likelihood.rows, strict=True):
+        own = np.flatnonzero(likelihood.keep[first : first + windows.count])
         first += windows.count
         left = np.zeros((0, slopes.j.shape[-1]))
         if len(own):
@@ -297,7 +305,7 @@ def fit(
     groups: Sequence[Windows],
     parameters: list[Parameter],
     theta: np.ndarray,
-    evidence: Evidence | None,
+    likelihood: Likelihood | None,
     prior: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
@@ -305,16 +313,16 @@ def fit(
     *,
     steps: int = 8,
     renew: int = RENEWED,
-) -> tuple[np.ndarray, Evidence, bool]:
+) -> tuple[np.ndarray, Likelihood, bool]:
     """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
 
-    Derivatives and weights stay those of ``evidence``, about ``theta`` where it is given, while steps gain what they
-    promise; ``renew`` times they are taken again. Returned are parameters, shape (P,), the evidence about them, and
+    Derivatives and weights stay those of ``likelihood``, about ``theta`` where it is given, while steps gain what they
+    promise; ``renew`` times they are taken again. Returned are parameters, shape (P,), the likelihood about them, and
     whether its derivatives are of there.
     """
 
-    def quadratic(theta: np.ndarray, seen: Evidence, loss: float) -> Quadratic:
-        a, b = seen.likelihood()
+    def quadratic(theta: np.ndarray, seen: Likelihood, loss: float) -> Quadratic:
+        a, b = seen.normal_equations()
         value = loss / seen.scale + theta @ prior @ theta
         return Quadratic(float(value), a + prior, b - (a + prior) @ theta, seen)
 
@@ -339,7 +347,7 @@ def fit(
         renewals=renew,
         lets_go=True,
     )
-    start = None if evidence is None else quadratic(theta, evidence, evidence.at(theta))
+    start = None if likelihood is None else quadratic(theta, likelihood, likelihood.at(theta))
     found = minimise(about, theta, low, high, rules=rules, seen=seen, start=start)
     return found.x, found.quadratic.content, found.fresh
 
@@ -348,7 +356,7 @@ def _mismatch(replay: Replay, parameters: list[Parameter], theta: np.ndarray, ow
     """Mismatch of some windows, (E,), at parameters (E, P): shape (E, N), 0 where there is no reading."""
     start = np.zeros((len(own), len(nuisances(replay.model))))
     seen = {name: x[own] for name, x in replay.windows.measured.items()}
-    left = mismatch(seen, replay.run(Hypotheses.of(parameters, theta, replay.model), own, start))
+    left = mismatch(seen, replay.run(ParameterBatch.of(parameters, theta, replay.model), own, start))
     return side_by_side(
         {name: np.where(np.isnan(zero), 0.0, left[name]) for name, zero in mismatch(seen, seen).items()}
     )

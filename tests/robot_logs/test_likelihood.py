@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mrwarp.robot_logs.causes import parameters_of
-from mrwarp.robot_logs.evidence import gather, left_by_each, losses, replayed
+from mrwarp.robot_logs.likelihood import gather, left_by_each, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.window_replay import Replay
@@ -21,19 +21,19 @@ def test_robots_that_are_replayed_at_once_leave_what_each_leaves(tmp_path: Path)
     log = load_log(arm_log(tmp_path, seconds=3.0))
     model = replay_model(tmp_path / "arm.xml", log)
     parameters, groups = parameters_of(model, log), cut_windows(model, log)
-    evidence = gather(model, groups, parameters, np.zeros(len(parameters)), lambda _: None)
+    likelihood = gather(model, groups, parameters, np.zeros(len(parameters)), lambda _: None)
     thetas = np.zeros((2, len(parameters)))
     thetas[1] = [0.2 * p.fault for p in parameters]
-    together = left_by_each(evidence, model, groups, parameters, thetas)
+    together = left_by_each(likelihood, model, groups, parameters, thetas)
     for theta, left, rel in zip(thetas, together, (1e-6, 0.02), strict=True):
-        near, moved = replayed(evidence, model, groups, parameters, theta)
-        assert left == pytest.approx(near / evidence.scale, rel=1e-9)
+        near, moved = replayed(likelihood, model, groups, parameters, theta)
+        assert left == pytest.approx(near / likelihood.scale, rel=1e-9)
         assert near == pytest.approx(moved.at(theta))
         # where derivatives were taken, long steps leave what the windows' own do, and nearly that elsewhere
-        fine = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.square), 1)))[0]
-        assert near == pytest.approx(evidence.weight @ fine, rel=rel)
+        fine = losses(likelihood, model, groups, parameters, np.tile(theta, (len(likelihood.square), 1)))[0]
+        assert near == pytest.approx(likelihood.weight @ fine, rel=rel)
     assert together[1] > 2.0 * together[0]
-    some = left_by_each(evidence, model, groups, parameters, thetas, every=2)
+    some = left_by_each(likelihood, model, groups, parameters, thetas, every=2)
     assert some == pytest.approx(together, rel=0.5) and abs(some - together).min() > 0.0
 
 
@@ -42,7 +42,7 @@ def test_searches_take_the_long_steps_of_the_derivatives(tmp_path: Path, monkeyp
     log = load_log(arm_log(tmp_path, seconds=3.0))
     model = replay_model(tmp_path / "arm.xml", log)
     parameters, groups = parameters_of(model, log), cut_windows(model, log)
-    evidence = gather(model, groups, parameters, np.zeros(len(parameters)), lambda _: None)
+    likelihood = gather(model, groups, parameters, np.zeros(len(parameters)), lambda _: None)
     taken: list[float] = []
     begin = Replay.__init__
 
@@ -51,6 +51,6 @@ def test_searches_take_the_long_steps_of_the_derivatives(tmp_path: Path, monkeyp
         begin(self, of, windows)
 
     monkeypatch.setattr(Replay, "__init__", noted)
-    replayed(evidence, model, groups, parameters, np.zeros(len(parameters)))
-    left_by_each(evidence, model, groups, parameters, np.zeros((2, len(parameters))))
+    replayed(likelihood, model, groups, parameters, np.zeros(len(parameters)))
+    left_by_each(likelihood, model, groups, parameters, np.zeros((2, len(parameters))))
     assert taken and min(taken) > 2.0 * max(w.h for w in groups)
