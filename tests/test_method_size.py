@@ -16,7 +16,7 @@ PACKAGES = ("sysid", "diagnose", "identify", "robot_logs")
 FILES = [path for package in PACKAGES for path in sorted((ROOT / "mrwarp" / package).rglob("*.py"))]
 LINES = 60
 """Most lines of a function, without its head and docstring."""
-LONGER = {"mrwarp/robot_logs/robot_fit.py:_loudest": 68}
+LONGER = {"mrwarp/robot_logs/robot_fit.py:_initial_guess": 68}
 """Functions that are longer still, with the lines that they may have: to be split, never to grow."""
 SETTINGS = 120
 """Most numbers by which the method and its two plants decide, each a documented field of the settings."""
