@@ -243,26 +243,3 @@ def proximal_rise(robot: str) -> float:
     """Mean rise of the eight hip and thigh motors over the task [K], from the calves' and all motors' means."""
     rise = MISSION_RISE[robot]
     return (12.0 * rise["all"] - 4.0 * (rise["calf_walking"] + rise["calf_standby"])) / 8.0
-
-
-TITLES = {
-    "fig4": "Figure 4: torque prediction",
-    "fig5": "Figure 5: learning curves",
-    "table2": "Table 2: actuator-aware training",
-    "table3": "Table 3: actuator models in training",
-    "table4": "Table 4: disturbance response",
-    "sensitivity": "Section 3.2: sensitivity to the gates' thresholds",
-    "fig6": "Figure 6: motor torque during the push",
-    "fig7": "Figure 7: motor torque under the falling mass",
-    "table5": "Table 5: training and SAL under the falling mass",
-    "table6": "Table 6: cost of transport",
-    "table7": "Table 7: support activation",
-    "electrical": "Sensitivity of table 6 to the electrical numbers",
-    "fig8": "Figure 8: stance support and torque relief",
-    "fig9": "Figure 9: cost of transport",
-    "support": "Sections 3.3, 5.2 and 7: the support branch's free numbers, and the fastest speed",
-    "fig10": "Figure 10: power and state of charge of the mission",
-    "fig11": "Figure 11: temperatures of the mission",
-    "predictions": "Frozen before they were run: new training seeds, 5 kg, a gait of 2 Hz, other impacts",
-}
-"""Heading of each entry of the reproduction in the paper's order, by its name on the command line."""

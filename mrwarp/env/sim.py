@@ -1,4 +1,4 @@
-"""Sim: the only place that steps physics. One model, two engines, the same Warp arrays to read and write."""
+"""Sim: steps the physics of robots that act. One model, two engines, the same Warp arrays to read and write."""
 
 from __future__ import annotations
 

@@ -13,9 +13,10 @@ from tyro.conf import Positional
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.options.progress_bar import ProgressBar
-from mrwarp.paper import ROBOTS, TITLES
+from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import check_writable, plain, write_result
 from mrwarp.runtime import duration
+from paper.reproduce.contents import TITLES
 
 if TYPE_CHECKING:
     from paper.reproduce.cache import Runner

@@ -9,11 +9,12 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from mrwarp import paper
 from mrwarp.paper import PaperValue
+from paper.reproduce.verdicts import Figure
 
-RELATIVE = 0.05
-"""Relative difference that needs a reason where the paper states no spread."""
-
+CELLS = tuple(paper.condition_name(*cell) for cell in paper.TABLE_7)
+"""Conditions of tables 6 and 7."""
 
 BRAKE = "; brake constraint"
 """End of the conditions in which the devices act as a brake that sticks, next to those with the paper's torque."""
@@ -50,29 +51,16 @@ class Comparison:
         object.__setattr__(self, "seeds", tuple(self.seeds))
 
     @property
-    def in_sd(self) -> float | None:
-        """Ours minus the paper's over the root of the summed squared spreads, positive where ours is further from 0.
-
-        None where the paper states no spread: ours alone is no measure of both.
-        """
-        if self.paper is None or not self.paper.sd:
+    def figure(self) -> Figure | None:
+        """As the rule of :mod:`paper.reproduce.verdicts` reads it; None where the paper gives no figure."""
+        if self.paper is None:
             return None
-        delta = math.copysign(1.0, self.paper.mean) * (self.ours - self.paper.mean)
-        return delta / math.hypot(self.paper.sd, self.sd or 0.0)
-
-    @property
-    def relative(self) -> float | None:
-        """Ours over the paper's, less 1."""
-        return self.ours / self.paper.mean - 1.0 if self.paper is not None and self.paper.mean != 0.0 else None
+        return Figure(paper=self.paper.mean, paper_sd=self.paper.sd, ours=self.ours, sd=self.sd, n=self.n)
 
     @property
     def differs(self) -> bool:
         """Whether the difference exceeds the joint spread, or 5 % where the paper states none."""
-        if self.paper is None or not math.isfinite(self.ours):
-            return self.paper is not None
-        if self.in_sd is not None:
-            return abs(self.in_sd) > 1.0
-        return self.relative is None or abs(self.relative) > RELATIVE
+        return self.figure is not None and not self.figure.agrees
 
 
 def compare(
@@ -121,7 +109,7 @@ class Findings:
     claim_ids: Mapping[str, str] = field(default_factory=dict)
     """Sentence of each claim by its identifier, by which it is found; see :func:`identified`."""
     reasons: Mapping[str, str] = field(default_factory=dict)
-    """One sentence on a claim of :data:`paper.reproduce.claims.CLAIMS` by its identifier, with figures of this run."""
+    """One sentence on a claim of :data:`paper.reproduce.registry.CLAIMS` by its identifier, with this run's figures."""
     notes: Sequence[str] = ()
     """Sentences with the evidence behind the rows."""
     tables: Sequence[TextTable] = ()

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import mrwarp
-from mrwarp import paper
 from mrwarp.options.json_file import read_json_file
 from mrwarp.run_dir import SCHEMA, plain, write_text
-from paper.reproduce import claims, paper_checks
+from paper.reproduce import paper_checks
 from paper.reproduce.comparison import BRAKE
-from paper.reproduce.verdicts import BY_EFFECT, MOST_SEEDS, Figure, Judged, Mark, Results, Verdict, by_effect
+from paper.reproduce.contents import TITLES, Mark
+from paper.reproduce.registry import judge_all
+from paper.reproduce.verdicts import BY_EFFECT, MOST_SEEDS, Figure, Judged, Results, Verdict, by_effect
 
 ROOT = Path(mrwarp.__file__).parents[1]
 """The checkout."""
@@ -36,9 +37,6 @@ KEPT = ("condition", "quantity", "unit", "paper", "ours", "sd", "n", "seeds", "c
 
 SAID = ("claims", "claim_ids", "reasons", "tables")
 """Further stored keys of an entry."""
-
-FURTHER = ("fig4_strengths",)
-"""Entries that are no table or figure of the paper."""
 
 
 def collect(folders: tuple[Path, ...], root: Path = ROOT) -> Path:
@@ -62,13 +60,13 @@ def collect(folders: tuple[Path, ...], root: Path = ROOT) -> Path:
         if not isinstance(found, dict) or not isinstance(found.get("parts"), dict):
             raise ValueError(f"{folder / 'result.json'}: is no result of 'mrwarp reproduce'; name the --out of one")
         origin = _origin(found)
-        if set(paper.TITLES) <= set(found["parts"]):
+        if set(TITLES) <= set(found["parts"]):
             spent = {name: sum(part[name] for part in found["parts"].values()) for name in ("seconds", "processor")}
             whole = {**origin, **_short(spent)}
         for name, part in found["parts"].items():
             if "rows" not in part:
                 raise ValueError(f"{folder}: {name} was not made ({part.get('message')}); make it first")
-            if name in (*paper.TITLES, *FURTHER):
+            if name in TITLES or name == "fig4_strengths":  # no figure of the paper, but a page shows it
                 rows = [{key: _short(row[key]) for key in KEPT} for row in part["rows"]]
                 parts[name] = {**origin, "rows": rows, **{key: part[key] for key in SAID if key in part}}
     content = {"schema": SCHEMA, "whole": whole, "parts": parts}
@@ -194,14 +192,18 @@ def claim_row(judged: Judged) -> list[str]:
 
 def _claims(found: Results) -> str:
     """All claims as one table."""
-    return _table(list(CLAIM_HEAD), [claim_row(judged) for judged in claims.judge_all(found)])
+    return _table(list(CLAIM_HEAD), [claim_row(judged) for judged in judge_all(found)])
+
+
+def _tally(found: Results) -> tuple[list[Judged], int, int, dict[Mark, dict[Verdict, int]]]:
+    judged = judge_all(found)
+    fitted, excluded = (sum(j.verdict is v for j in judged) for v in (Verdict.CALIBRATED, Verdict.EXCLUDED))
+    return judged, fitted, excluded, by_effect(judged)
 
 
 def counts(found: Results) -> dict[str, str]:
     """How claims fare, a sentence each: all of them, the effects with a choice in view, those that were predicted."""
-    judged = claims.judge_all(found)
-    fitted, excluded = (sum(j.verdict is verdict for j in judged) for verdict in (Verdict.CALIBRATED, Verdict.EXCLUDED))
-    effects = by_effect(judged)
+    judged, fitted, excluded, effects = _tally(found)
 
     def many(mark: Mark) -> str:
         return ", ".join(f"{n} {verdict.value}" for verdict, n in effects[mark].items() if n) or "none"
@@ -220,7 +222,7 @@ def counts(found: Results) -> dict[str, str]:
 
 def _verdicts(found: Results) -> str:
     """How claims fare, and the three largest differences of those that are not calibrated."""
-    judged = [judged for judged in claims.judge_all(found) if judged.mark is not Mark.CALIBRATED]
+    judged = [judged for judged in judge_all(found) if judged.mark is not Mark.CALIBRATED]
     largest = []
     by_place = {j.claim.place: j for j in sorted(judged, key=lambda j: j.largest)}  # of each place the largest
     for j in sorted(by_place.values(), key=lambda j: -j.largest)[:3]:
@@ -234,9 +236,7 @@ def _verdicts(found: Results) -> str:
 
 def _readme(found: Results) -> str:
     """Three sentences on how the claims fare, and where each of them stands."""
-    judged = claims.judge_all(found)
-    fitted, excluded = (sum(j.verdict is verdict for j in judged) for verdict in (Verdict.CALIBRATED, Verdict.EXCLUDED))
-    by_mark = by_effect(judged)
+    judged, fitted, excluded, by_mark = _tally(found)
     total = {verdict: sum(by_mark[mark][verdict] for mark in by_mark) for verdict in BY_EFFECT}
     predicted = sum(by_mark[Mark.PREDICTED].values())
     return (
@@ -322,8 +322,15 @@ def _studies(begins: str, *names: tuple[str, str]) -> Callable[[Results], str]:
     return block
 
 
-QUALITY = {"tilt_rms": 2, "roll": 2, "pitch": 2, "sides": 1, "slip": 3, "v_x_rmse": 3}
-"""Figures of the table of rules, and their digits."""
+QUALITY = {
+    "tilt_rms": ("roll-pitch RMS [deg]", 2),
+    "roll": ("mean roll [deg]", 2),
+    "pitch": ("mean pitch [deg]", 2),
+    "sides": ("left against right [%]", 1),
+    "slip": ("slip [m/s]", 3),
+    "v_x_rmse": ("v_x RMSE [m/s]", 3),
+}
+"""Figures of the table of rules, with their titles and digits."""
 
 
 def _quality(*names: tuple[str, str]) -> Callable[[Results], str]:
@@ -337,22 +344,13 @@ def _quality(*names: tuple[str, str]) -> Callable[[Results], str]:
             policies = found.parts[name]["study"]["policies"]
             for plant in dict.fromkeys(row["plant"] for row in policies):
                 rows = [row for row in policies if row["plant"] == plant]
-                worst = [_number(max(abs(row[figure]) for row in rows), digits) for figure, digits in QUALITY.items()]
+                worst = [
+                    _number(max(abs(row[figure]) for row in rows), digits) for figure, (_, digits) in QUALITY.items()
+                ]
                 faults = [f"seed {row['seed']}: {', '.join(row['broken'])}" for row in rows if row["broken"]]
                 kept = sum(not row["broken"] for row in rows)
                 lines.append([f"{plant}, {title}", *worst, f"{kept} of {len(rows)}", "; ".join(faults)])
-        head = [
-            "plant",
-            "roll-pitch RMS [deg]",
-            "mean roll [deg]",
-            "mean pitch [deg]",
-            "left against right [%]",
-            "slip [m/s]",
-            "v_x RMSE [m/s]",
-            "keep all rules",
-            "broken",
-        ]
-        return _table(head, lines)
+        return _table(["plant", *(title for title, _ in QUALITY.values()), "keep all rules", "broken"], lines)
 
     return block
 

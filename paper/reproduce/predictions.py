@@ -40,16 +40,24 @@ from mrwarp.trials.walk_trials import WalkCfg, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT
 from mrwarp.usd.robot import GAIT_FREQUENCY
 from paper.reproduce import walks
-from paper.reproduce.cache import Job
-from paper.reproduce.claims import CELLS, DROPPED, TRAINED
-from paper.reproduce.comparison import Findings, TextTable, identified, over_seeds, seeds_of
+from paper.reproduce.cache import Experiment, Job
+from paper.reproduce.comparison import CELLS, Findings, TextTable, identified, over_seeds, seeds_of
 from paper.reproduce.disturbance import drop_trials
 from paper.reproduce.disturbance.drop_trials import Drop
-from paper.reproduce.settings import Ensemble, NotYet, ensembles
+from paper.reproduce.disturbance.table4 import DROPPED
+from paper.reproduce.settings import (
+    Ensemble,
+    NotYet,
+    ensembles,
+    networks,
+    rollouts_time,
+    walks_time,
+)
+from paper.reproduce.table2 import TRAINED
 from paper.reproduce.verdicts import Results, change
 from paper.study import paper_tables
 from paper.study.plan import AWARE, CONVENTIONAL
-from paper.study.rollouts import EvaluationCfg
+from paper.study.rollouts import PLANT, EvaluationCfg
 
 UNSEEN = POLICIES / "unseen"
 """Policies of the new seeds, and the frozen intervals."""
@@ -374,3 +382,21 @@ def _dropped(job: Job) -> Came:
         for amps, row in zip(currents, values, strict=True):
             found[_falls(drop, amps), SPEED[0]] = over_seeds(row, seeds)["ours"]
     return found
+
+
+EXPERIMENTS = (
+    Experiment(
+        name="unseen",
+        compute=simulate,
+        settings=("policies", "impacted", "rollouts", "distance", "impacts", "seed"),
+        seconds=walks_time(120.0, "distance", 30.0),
+    ),
+    Experiment(
+        name="predictions",
+        compute=compute,
+        needs=("unseen",),
+        settings=("rollouts", "seed"),
+        files=lambda: [*files(), *networks((PLANT,))],
+        seconds=rollouts_time,
+    ),
+)

@@ -1,122 +1,60 @@
-"""All experiments: what each needs, and on which settings and files it depends."""
+"""All experiments and all claims of the paper, collected from the files that :mod:`paper.reproduce.contents` names."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 
-from mrwarp.nn.models import SAMPLES
-from paper.reproduce import (
-    fig4,
-    missions,
-    predictions,
-    support,
-    training_results,
-    walk_results,
-    walks,
-)
 from paper.reproduce.cache import Experiment
-from paper.reproduce.disturbance import drop_entries, drop_trials, push_entries, push_rule, table4
-from paper.reproduce.motors import calf_torque, electrical
-from paper.reproduce.settings import Settings, networks, study_files
-from paper.study.plan import AWARE, BRAKE, CONVENTIONAL, MODELS, record_file
-from paper.study.rollouts import PLANT
+from paper.reproduce.contents import CONTENTS, SIMULATIONS
+from paper.reproduce.verdicts import Claim, Judged, Results, judge
 
-IMPACTS = ("impacted", "impacts", "seed")
-WALKS = ("policies", "aware", "sticking", "high", "rollouts", "distance", "seed")
-WINDOWS = ("policies", "rollouts", "window", "seed")
-TRAININGS = (CONVENTIONAL, AWARE)
+_MODULES = dict.fromkeys((*SIMULATIONS.values(), *(entry.module for entry in CONTENTS.values())))
 
+_FILES = [import_module(f"paper.reproduce.{module}") for module in _MODULES]
 
-def _impacts(seconds: float) -> Callable[[Settings], float]:
-    """Time of impacts [s], of which the report has 12 for each of five policies."""
-    return lambda settings: seconds * (0.15 + 0.85 * len(settings.impacted) * settings.impacts / 60.0)
+_MADE: dict[str, Experiment] = {experiment.name: experiment for file in _FILES for experiment in file.EXPERIMENTS}
 
+CATALOGUE = {name: _MADE[name] for name in (*SIMULATIONS, *CONTENTS)}
+"""Experiments by name, each after what it needs."""
 
-def _walks(seconds: float, length: str, usual: float) -> Callable[[Settings], float]:
-    """Time of walks [s], of which the report has three for each of five policies; ``length`` is their setting."""
-    return lambda settings: (
-        seconds * (0.1 + 0.9 * settings.policy_seeds * settings.rollouts / 15.0 * getattr(settings, length) / usual)
-    )
-
-
-def _rollouts(settings: Settings) -> float:
-    """Time of table 2 or 3 [s], which have three rollouts of each policy by either torque."""
-    return 6.0 + 3.0 * settings.rollouts
-
-
-_ALL = (
-    Experiment(name="fig4", compute=fig4.compute, files=lambda: networks(SAMPLES), seconds=lambda _: 7.0),
-    Experiment(name="fig5", compute=training_results.fig5, files=lambda: study_files(TRAININGS, record_file)),
-    Experiment(
-        name="table2",
-        compute=training_results.table2,
-        settings=("rollouts", "seed"),
-        files=lambda: [*study_files(TRAININGS), *study_files(TRAININGS, folder=BRAKE), *networks((PLANT,))],
-        seconds=_rollouts,
+CONTRADICTIONS = (
+    Claim(
+        id="paper.holding_capacity",
+        place="Section 2.2",
+        says="holding capacity of 26.15 N·m at 1.5 A; eq. 18 at 1.5 A",
+        excluded=True,
+        why="Eq. 18 with the paper's own numbers gives 25.4 N·m; we take the equation.",
     ),
-    Experiment(
-        name="table3",
-        compute=training_results.table3,
-        settings=("rollouts", "seed"),
-        files=lambda: [*study_files(MODELS), *study_files(MODELS, folder=BRAKE), *networks((PLANT,))],
-        seconds=_rollouts,
+    Claim(
+        id="paper.deceleration",
+        place="Table 5, row D; table 4",
+        says="|a_z - g| of 0.852 m/s² over 0.1 s next to a peak velocity of 0.428 m/s",
+        excluded=True,
+        why="0.852 m/s² over 0.1 s allow 0.085 m/s.",
     ),
-    Experiment(
-        name="pushes",
-        compute=push_rule.simulate,
-        settings=IMPACTS,
-        files=lambda: networks((AWARE,)),
-        seconds=_impacts(12.0),
+    Claim(
+        id="paper.activation",
+        place="Section 6.4",
+        says="20 to 25 % in each condition, and a longer activation gives a larger reduction",
+        excluded=True,
+        why="The second longest activation (27.4 %) has the least reduction, less than the shortest.",
     ),
-    Experiment(
-        name="drops",
-        compute=drop_trials.simulate,
-        settings=IMPACTS,
-        files=lambda: [*study_files(TRAININGS), *study_files(TRAININGS, folder=BRAKE)],
-        seconds=_impacts(16.0),
-    ),
-    Experiment(name="table4", compute=table4.compute, needs=("pushes", "drops")),
-    Experiment(
-        name="sensitivity",
-        compute=push_entries.sensitivity,
-        needs=("pushes",),
-        settings=IMPACTS,
-        seconds=_impacts(9.0),
-    ),
-    Experiment(name="fig6", compute=push_entries.fig6, needs=("pushes",)),
-    Experiment(name="fig7", compute=drop_entries.fig7, needs=("drops",)),
-    Experiment(name="table5", compute=drop_entries.table5, needs=("drops",)),
-    Experiment(name="walks", compute=walks.simulate, settings=WALKS, seconds=_walks(260.0, "distance", 30.0)),
-    Experiment(name="table6", compute=walk_results.table6, needs=("walks",)),
-    Experiment(name="table7", compute=walk_results.table7, needs=("walks",)),
-    Experiment(name="electrical", compute=electrical.compute, needs=("walks",)),
-    Experiment(name="fig8", compute=calf_torque.fig8, needs=("walks",)),
-    Experiment(name="fig9", compute=walk_results.fig9, needs=("walks",)),
-    Experiment(
-        name="support",
-        compute=support.compute,
-        needs=("walks",),
-        settings=("policies", "window", "seed"),
-        seconds=_walks(60.0, "window", 10.0),
-    ),
-    Experiment(name="windows", compute=missions.simulate, settings=WINDOWS, seconds=_walks(40.0, "window", 10.0)),
-    Experiment(name="fig10", compute=missions.fig10, needs=("walks", "windows")),
-    Experiment(name="fig11", compute=missions.fig11, needs=("walks", "windows")),
-    Experiment(
-        name="unseen",
-        compute=predictions.simulate,
-        settings=("policies", "impacted", "rollouts", "distance", "impacts", "seed"),
-        seconds=_walks(120.0, "distance", 30.0),
-    ),
-    Experiment(
-        name="predictions",
-        compute=predictions.compute,
-        needs=("unseen",),
-        settings=("rollouts", "seed"),
-        files=lambda: [*predictions.files(), *networks((PLANT,))],
-        seconds=_rollouts,
+    Claim(
+        id="paper.charge",
+        place="Figure 10",
+        says="powers of MR_Go-SAL at 0.73 of MR_Go's next to 0.885 of its charge",
+        excluded=True,
+        why="At equal speeds the paper's powers deplete 45 points, not 52.5 ± 2.0.",
     ),
 )
+"""Claims that the paper's own figures contradict; no entry shows them."""
 
-CATALOGUE = {experiment.name: experiment for experiment in _ALL}
-"""Experiments by name, each after what it needs; the entries of the report in the paper's order."""
+_SHOWN: list[Claim] = [claim for file in _FILES for claim in getattr(file, "CLAIMS", ())]
+
+CLAIMS = (*sorted(_SHOWN, key=lambda claim: list(CONTENTS).index(claim.entry)), *CONTRADICTIONS)
+"""All claims: by entry, in the order of the report, then those within the paper."""
+
+
+def judge_all(found: Results) -> list[Judged]:
+    """All claims whose entries were made."""
+    return [judge(claim, found) for claim in CLAIMS if not claim.entry or claim.entry in found.parts]

@@ -11,12 +11,13 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from mrwarp.paper import TITLES
 from mrwarp.run_dir import versions, write_text
 from mrwarp.runtime import text_table
-from paper.reproduce import claims, pages, verdicts
+from paper.reproduce import pages, verdicts
 from paper.reproduce.cache import Outcome
-from paper.reproduce.comparison import RELATIVE, Comparison, Findings
+from paper.reproduce.comparison import Comparison, Findings
+from paper.reproduce.contents import TITLES, Mark
+from paper.reproduce.registry import CLAIMS
 
 HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")
 """Columns of the rows' table."""
@@ -74,7 +75,8 @@ def lines(outcome: Outcome) -> list[str]:
 
 def cells(row: Comparison, part: str = "") -> list[str]:
     """One row of an entry as text, in the order of :data:`HEAD`."""
-    chosen = verdicts.Mark.IN_VIEW if part in verdicts.IN_VIEW else verdicts.Mark.PREDICTED
+    figure = row.figure
+    off = (math.nan, math.nan) if figure is None else (100.0 * figure.relative, figure.in_sd)
     theirs = "–" if row.paper is None else _spread(row.paper.mean, row.paper.sd, row.digits)
     ours = _spread(row.ours, row.sd, row.digits) + ("" if row.sd is None else f" (n = {row.n})")
     return [
@@ -82,9 +84,9 @@ def cells(row: Comparison, part: str = "") -> list[str]:
         row.quantity + (f" [{row.unit}]" if row.unit else ""),
         theirs,
         ours if math.isfinite(row.ours) else "no figure",
-        "" if row.relative is None or not math.isfinite(row.relative) else f"{100.0 * row.relative:+.1f} %",
-        "" if row.in_sd is None or not math.isfinite(row.in_sd) else f"{row.in_sd:+.1f}",
-        (verdicts.Mark.CALIBRATED if row.calibrated else chosen).value,
+        f"{off[0]:+.1f} %" if math.isfinite(off[0]) else "",
+        f"{off[1]:+.1f}" if math.isfinite(off[1]) else "",
+        (Mark.CALIBRATED if row.calibrated else verdicts.mark_of(part)).value,
         row.why if row.differs else "",
     ]
 
@@ -102,7 +104,7 @@ def agreement(rows: Sequence[Comparison]) -> str:
     fitted = len(judged) - len(near)
     calibrated = f"; {fitted} more were used to calibrate" if fitted else ""
     return (
-        f"{sum(near)} of {len(near)} rows within the joint spread, or {100.0 * RELATIVE:.0f} % where the "
+        f"{sum(near)} of {len(near)} rows within the joint spread, or {100.0 * verdicts.NEAR:.0f} % where the "
         f"paper states none{calibrated}"
     )
 
@@ -132,7 +134,7 @@ def _verdicts(outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
     """The claims of what was made, as a first entry; none where no claim has all its rows."""
     found = verdicts.Results({name: asdict(o.findings) for name, o in outcomes.items() if o.findings is not None})
     rows = []
-    for claim in claims.CLAIMS:
+    for claim in CLAIMS:
         if claim.entry in found.parts:
             try:
                 rows.append(pages.claim_row(verdicts.judge(claim, found)))

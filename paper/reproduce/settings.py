@@ -16,7 +16,7 @@ from mrwarp.paper import ROBOTS
 from mrwarp.resources import ENERGY, FIRST_SEEDS, plant_of, policy_file
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.policy_file import read_policy
-from paper.study.plan import AWARE, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY
+from paper.study.plan import AWARE, CONVENTIONAL, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY
 
 PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
 """Torque models as the paper writes them."""
@@ -174,3 +174,27 @@ def networks(kinds: Iterable[str]) -> list[Path]:
     if missing := [kind for kind, path in found.items() if path is None]:
         raise NotYet(f"no trained network for {', '.join(missing)}; run 'mrwarp reproduce fig4 --train'")
     return [Path(path) for path in found.values() if path is not None]
+
+
+TRAININGS = (CONVENTIONAL, AWARE)
+"""Plants of tables 2, 4 and 5 and figure 5."""
+
+IMPACTS = ("impacted", "impacts", "seed")
+"""Settings that pushes and falling masses depend on."""
+
+
+def impacts_time(seconds: float) -> Callable[[Settings], float]:
+    """Time of impacts [s], of which the report has 12 for each of five policies."""
+    return lambda settings: seconds * (0.15 + 0.85 * len(settings.impacted) * settings.impacts / 60.0)
+
+
+def walks_time(seconds: float, length: str, usual: float) -> Callable[[Settings], float]:
+    """Time of walks [s], of which the report has three for each of five policies; ``length`` is their setting."""
+    return lambda settings: (
+        seconds * (0.1 + 0.9 * settings.policy_seeds * settings.rollouts / 15.0 * getattr(settings, length) / usual)
+    )
+
+
+def rollouts_time(settings: Settings) -> float:
+    """Time of table 2 or 3 [s], which have three rollouts of each policy by either torque."""
+    return 6.0 + 3.0 * settings.rollouts

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from paper.reproduce.contents import CONTENTS, Mark
+
 NEAR = 0.05
 """Relative difference that still agrees where the paper states no spread."""
 
@@ -40,20 +42,6 @@ BY_EFFECT = (Verdict.NOT, Verdict.UNRESOLVED, Verdict.DIRECTION, Verdict.REPRODU
 """Verdicts that are counted by effect, the worst first."""
 
 
-class Mark(enum.Enum):
-    """Knowledge of the paper's figures when ours were made."""
-
-    CALIBRATED = "calibrated"
-    IN_VIEW = "tuned in view"
-    PREDICTED = "predicted"
-
-
-IN_VIEW = frozenset(
-    "fig4 table2 table3 fig5 table4 sensitivity fig6 fig7 table5 table6 table7 fig8 fig9 fig10 fig11 support".split()
-)
-"""Entries for which something was chosen with the paper's figures in view, see docs/choices.md."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Figure:
     """A figure of the paper next to ours."""
@@ -73,13 +61,23 @@ class Figure:
     def agrees(self) -> bool:
         """Within the joint spread, or 5 % where the paper states none."""
         if self.paper_sd:
-            return abs(self.ours - self.paper) <= math.hypot(self.paper_sd, self.sd or 0.0)
+            return abs(self.in_sd) <= 1.0
         return abs(self.ours - self.paper) <= NEAR * abs(self.paper)
 
     @property
     def relative(self) -> float:
-        """Difference relative to the paper's figure."""
-        return (self.ours - self.paper) / abs(self.paper)
+        """Ours over the paper's, less 1: positive where ours is further from 0, as :attr:`in_sd`; NaN for a 0."""
+        return self.ours / self.paper - 1.0 if self.paper else math.nan
+
+    @property
+    def in_sd(self) -> float:
+        """The difference in units of the joint spread, the root of the summed squared spreads.
+
+        NaN where the paper states no spread: ours alone is no measure of both.
+        """
+        if not self.paper_sd:
+            return math.nan
+        return math.copysign(1.0, self.paper) * (self.ours - self.paper) / math.hypot(self.paper_sd, self.sd or 0.0)
 
     def minus(self, other: Figure) -> Figure:
         """The difference of two figures, seed by seed where both have the same seeds."""
@@ -265,6 +263,11 @@ class Judged:
         return max((abs(f.relative) for f in self.figures if not f.calibrated and f.paper), default=0.0)
 
 
+def mark_of(entry: str) -> Mark:
+    """What was known when an entry was made; of what is none, nothing was chosen in view."""
+    return CONTENTS[entry].mark if entry in CONTENTS else Mark.PREDICTED
+
+
 def judge(claim: Claim, found: Results) -> Judged:
     """The verdict, by rule.
 
@@ -277,7 +280,7 @@ def judge(claim: Claim, found: Results) -> Judged:
     figures = claim.measure(found) if claim.measure else []
     free = [figure for figure in figures if not figure.calibrated]
     verdict, needed = _verdict(claim, found, free) if free or not figures else (Verdict.CALIBRATED, None)
-    mark = Mark.IN_VIEW if claim.entry in IN_VIEW else Mark.PREDICTED
+    mark = mark_of(claim.entry)
     if verdict is Verdict.CALIBRATED:
         mark = Mark.CALIBRATED
     return Judged(claim=claim, figures=figures, verdict=verdict, mark=mark, needed=needed, why=claim.reason(found))

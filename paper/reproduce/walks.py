@@ -15,9 +15,13 @@ from mrwarp.env.cfg import TaskCfg
 from mrwarp.trials.walk_figures import calibration_rows
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT
-from paper.reproduce.cache import Job
+from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings, seeds_of
-from paper.reproduce.settings import Ensemble, ensembles
+from paper.reproduce.settings import (
+    Ensemble,
+    ensembles,
+    walks_time,
+)
 
 SAL = ("mr_go", "mr_go_sal")
 """Robots that a reduction by SAL compares."""
@@ -164,3 +168,13 @@ def simulate(job: Job) -> Findings:
 def read(job: Job) -> Walks:
     """Data of :func:`simulate`."""
     return job.load("walks", Walks)
+
+
+EXPERIMENTS = (
+    Experiment(
+        name="walks",
+        compute=simulate,
+        settings=("policies", "aware", "sticking", "high", "rollouts", "distance", "seed"),
+        seconds=walks_time(260.0, "distance", 30.0),
+    ),
+)

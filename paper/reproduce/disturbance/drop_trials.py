@@ -19,10 +19,18 @@ from mrwarp.trials.falling_mass import MassCfg, contact_stiffness
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, body_extremes
 from mrwarp.trials.impact_figures import MOTOR_WINDOW
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
-from paper.reproduce.cache import Job
+from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import BRAKE, Findings, seeds_of
 from paper.reproduce.disturbance.push_rule import fallen
-from paper.reproduce.settings import Ensemble, Settings, study_files, trained_gains
+from paper.reproduce.settings import (
+    IMPACTS,
+    TRAININGS,
+    Ensemble,
+    Settings,
+    impacts_time,
+    study_files,
+    trained_gains,
+)
 from paper.study.plan import AWARE, CONVENTIONAL, STUDY
 from paper.study.plan import BRAKE as BRAKE_POLICIES
 
@@ -207,3 +215,14 @@ def lost(found: Iterable[dict[str, np.ndarray]]) -> list[str]:
     fell = np.concatenate([np.ravel(values["fell"]) for values in every])
     note = [f"{missed} of {fell.size} masses missed the robot and leave no figure."] if missed else []
     return [*note, *fallen(fell, "falling masses")]
+
+
+EXPERIMENTS = (
+    Experiment(
+        name="drops",
+        compute=simulate,
+        settings=IMPACTS,
+        files=lambda: [*study_files(TRAININGS), *study_files(TRAININGS, folder=BRAKE_POLICIES)],
+        seconds=impacts_time(16.0),
+    ),
+)

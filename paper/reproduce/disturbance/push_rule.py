@@ -20,9 +20,17 @@ from mrwarp.enums import Coupling, ZStep
 from mrwarp.trials import impact
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, body_extremes
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
-from paper.reproduce.cache import Job
+from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import BRAKE, Findings
-from paper.reproduce.settings import Ensemble, Settings, trained_gains
+from paper.reproduce.settings import (
+    IMPACTS,
+    Ensemble,
+    Settings,
+    impacts_time,
+    networks,
+    trained_gains,
+)
+from paper.study.plan import AWARE
 
 CELLS = ("min_height", "peak_down_velocity")
 """The two columns of table 4."""
@@ -301,3 +309,14 @@ def fallen(fell: np.ndarray, what: str) -> list[str]:
     if not (count := int(np.sum(fell))):
         return []
     return [f"{count} of {np.size(fell)} {what} brought the trunk below {impact.FALL_HEIGHT:g} m; their figures count."]
+
+
+EXPERIMENTS = (
+    Experiment(
+        name="pushes",
+        compute=simulate,
+        settings=IMPACTS,
+        files=lambda: networks((AWARE,)),
+        seconds=impacts_time(12.0),
+    ),
+)

@@ -12,8 +12,9 @@ from mrwarp.trials import power_meter, walk_figures, walk_pictures
 from mrwarp.trials.walk_trials import WalkResult
 from mrwarp.usd.robot import JOINTS
 from paper.reproduce import walks
-from paper.reproduce.cache import Job
+from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings, TextTable, identified
+from paper.reproduce.verdicts import Claim
 from paper.reproduce.walks import Walks
 
 PAIR = ("go1", "mr_go_sal")
@@ -118,3 +119,22 @@ def _thigh(walked: Walks) -> str:
     ]
     bare, on, off = (", ".join(f"{value:.1f}" for value in values) for values in found)
     return f"The thigh has {bare} N·m on Go1 and {on} with SAL, and {off} with the same policies and SAL off."
+
+
+EXPERIMENTS = (
+    Experiment(
+        name="fig8",
+        compute=fig8,
+        needs=("walks",),
+    ),
+)
+
+CLAIMS = (
+    Claim(
+        id="walk.calf_torque",
+        place="Figure 8",
+        says="SAL lowers the calf's mean torque and shortens its tail, hip and thigh stay broadly similar",
+        holds=(("fig8", "calf_lower"), ("fig8", "tail_shorter"), ("fig8", "hip_thigh_similar")),
+        why="The mean falls by nearly half, the 95th percentile does not.",
+    ),
+)

@@ -14,7 +14,7 @@ from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_figures import Saving, mean, mean_power, parts, standing_saving
 from mrwarp.trials.walk_trials import WalkResult
 from paper.reproduce import walks
-from paper.reproduce.cache import Job
+from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings, TextTable
 from paper.reproduce.walks import Walks
 
@@ -171,3 +171,12 @@ def drive_friction(walked: Walks, fit: Calibration, theirs: dict[str, float]) ->
     )
     title = "What drive friction explains (± 95 %), Go1's rows [W] and what SAL saves"
     return TextTable(title=title, head=["", "without", "with drive friction", "paper"], rows=rows), text
+
+
+EXPERIMENTS = (
+    Experiment(
+        name="electrical",
+        compute=compute,
+        needs=("walks",),
+    ),
+)

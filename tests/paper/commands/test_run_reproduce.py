@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.paper import TITLES
 from mrwarp.run_dir import claim
 from paper.reproduce import cache
 from paper.reproduce import registry as catalogue
 from paper.reproduce.comparison import Findings
+from paper.reproduce.contents import TITLES
 from paper.reproduce.settings import NotYet, Settings
 
 

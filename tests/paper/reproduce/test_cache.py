@@ -1,6 +1,7 @@
 """The runner: what changed is made again, failures stay alone, a stopped run goes on, damaged results are not used."""
 
 import json
+import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from paper.reproduce import cache
 from paper.reproduce.cache import KEPT, Experiment, Job, Runner
 from paper.reproduce.comparison import Comparison, Findings, over_seeds, seeds_of
 from paper.reproduce.settings import NotYet, Settings
+from paper.reproduce.verdicts import Figure
 
 CALLS: list[str] = []
 
@@ -248,18 +250,16 @@ def test_rollouts_are_averaged_within_each_seed_first() -> None:
     assert (single["ours"], single["n"]) == (pytest.approx(74.0), 6)
 
 
-def test_differences_are_told_in_the_joint_spread() -> None:
+def test_differences_are_in_units_of_the_joint_spread() -> None:
     """(3 - 1)/sqrt(0.3^2 + 0.4^2) = 4; without any spread the 5 % rule decides."""
+    assert Figure(paper=1.0, paper_sd=0.3, ours=3.0, sd=0.4).in_sd == pytest.approx(4.0)
+    assert Figure(paper=-1.0, paper_sd=0.3, ours=-3.0, sd=0.4).in_sd == pytest.approx(4.0)
+    bare = Figure(paper=-2.0, ours=-2.05)
+    assert math.isnan(bare.in_sd) and bare.relative == pytest.approx(0.025)
     row = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.3), ours=3.0, sd=0.4)
-    assert row.in_sd == pytest.approx(4.0)
-    assert row.differs
-    assert not replace(row, ours=1.4).differs
-    bare = replace(row, paper=PaperValue(mean=-2.0), sd=None, ours=-2.05)
-    assert bare.in_sd is None
-    assert bare.relative == pytest.approx(0.025)
-    assert replace(row, paper=PaperValue(mean=-1.0, sd=0.3), ours=-3.0).in_sd == pytest.approx(4.0)
-    assert not bare.differs
-    assert replace(bare, ours=-2.2).differs
+    assert row.differs and not replace(row, ours=1.4).differs
+    row = replace(row, paper=PaperValue(mean=-2.0), sd=None, ours=-2.05)
+    assert not row.differs and replace(row, ours=-2.2).differs and replace(row, ours=math.nan).differs
 
 
 @dataclass

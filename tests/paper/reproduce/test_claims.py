@@ -1,18 +1,26 @@
 """Verdicts follow from figures by the stated rule, and what is counted is counted once."""
 
 import re
+import runpy
+import sys
 from collections import Counter
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from paper.reproduce import claims, pages
-from paper.reproduce.claims import CLAIMS
+from mrwarp.paper import PaperValue
+from paper.reproduce import contents, pages, report_page
+from paper.reproduce.cache import Experiment
+from paper.reproduce.comparison import Findings, compare
+from paper.reproduce.contents import Mark
+from paper.reproduce.registry import CATALOGUE, CLAIMS, judge_all
 from paper.reproduce.verdicts import (
     BY_EFFECT,
     Claim,
     Figure,
     Judged,
-    Mark,
     Results,
     Verdict,
     by_effect,
@@ -198,10 +206,46 @@ def test_unknown_rows_claims_and_tables_are_named() -> None:
         Results({"part": {"tables": [{"title": "grid", "id": ""}]}}).table("part", "grid")
 
 
+def test_a_table_is_its_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file with an experiment and a claim, and its line among the contents: it is made, judged, and marked."""
+    toy = ModuleType("paper.reproduce.toy")
+    made, about = Experiment(name="table9", compute=lambda job: Findings()), rows("table9", "x", "a")
+    vars(toy).update(EXPERIMENTS=(made,), CLAIMS=(Claim(id="toy.x", place="Table 9", says="x", measure=about),))
+    monkeypatch.setitem(sys.modules, toy.__name__, toy)
+    monkeypatch.setitem(contents.CONTENTS, "table9", contents.Entry("toy", "Table 9: x", Mark.PREDICTED))
+    registry = runpy.run_path(str(Path(contents.__file__).with_name("registry.py")))
+    assert registry["CATALOGUE"]["table9"] is made
+    found = registry["judge_all"](results(("a", 1.0, None, 1.01, None), part="table9"))
+    [judged] = [each for each in found if each.claim.entry == "table9"]
+    assert (judged.verdict, judged.mark) == (Verdict.REPRODUCED, Mark.PREDICTED)
+
+
+def test_every_claim_stands_in_the_file_that_makes_its_entry() -> None:
+    """So does every entry's experiment."""
+    for name, entry in contents.CONTENTS.items():
+        file = import_module(f"paper.reproduce.{entry.module}")
+        assert name in {experiment.name for experiment in file.EXPERIMENTS}
+        assert {claim.id for claim in CLAIMS if claim.entry == name} <= {c.id for c in getattr(file, "CLAIMS", ())}
+    assert CATALOGUE.keys() == contents.CONTENTS.keys() | contents.SIMULATIONS.keys()
+
+
+@pytest.mark.parametrize(("paper", "sd"), [(1.0, 0.1), (-2.0, 0.1), (-2.0, None), (3.0, None)])
+@pytest.mark.parametrize("share", [0.8, 0.96, 1.0, 1.04, 1.3, -0.5])
+def test_rows_and_claims_are_compared_by_one_rule(paper: float, sd: float | None, share: float) -> None:
+    """A row of the report and a claim's figure agree or not together; a difference is positive if ours is larger."""
+    row = compare("a", ("x", "", 3), PaperValue(mean=paper, sd=sd), {"ours": share * paper, "sd": sd})
+    found = results(("a", paper, sd, share * paper, sd)).row("part", "a", "x")
+    assert row.differs is not found.agrees
+    assert found.relative == pytest.approx(share - 1.0)
+    shown = report_page.cells(row)
+    assert shown[4] == f"{100.0 * (share - 1.0):+.1f} %"
+    assert sd is None or float(shown[5]) == pytest.approx((share - 1.0) * abs(paper) / (sd * 2.0**0.5), abs=0.06)
+
+
 def test_every_claim_finds_its_rows() -> None:
     """In the committed results; each has an identifier of its own, a verdict and a sentence."""
     parts = pages.read()["parts"]
-    found = claims.judge_all(Results(parts))
+    found = judge_all(Results(parts))
     assert len(found) == sum(claim.entry in {"", *parts} for claim in CLAIMS)
     assert all(judged.why.endswith((".", "?")) for judged in found)
     assert max(Counter(claim.id for claim in CLAIMS).values()) == 1
@@ -215,5 +259,5 @@ def test_readme_compares_in_three_sentences() -> None:
     text = pages.BLOCKS["readme"](found)
     assert len(re.findall(r"\.(?= |$)", re.sub(r"\]\([^)]*\)", "]", text))) == 3
     total, *parts = (int(n) for n in re.findall(r"(\d+) (?:physical|reproduced|with|not)", text))
-    assert sum(parts) == total == sum(sum(n.values()) for n in by_effect(claims.judge_all(found)).values())
+    assert sum(parts) == total == sum(sum(n.values()) for n in by_effect(judge_all(found)).values())
     assert "(docs/reproduce.md)" in text and "predicted" in text

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.paper import TITLES
 from mrwarp.run_dir import plain
 from paper.reproduce import pages
+from paper.reproduce.contents import TITLES
 from paper.reproduce.verdicts import Results
 
 ROW = {"condition": "a", "quantity": "x", "unit": "m", "paper": {"mean": 1.0, "sd": None}, "ours": 0.123456789}

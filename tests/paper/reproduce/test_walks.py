@@ -13,13 +13,14 @@ from mrwarp.energy.power import JointLoad
 from mrwarp.trials.power_meter import CHANNELS, GaitTrace
 from mrwarp.trials.walk_figures import Saving
 from mrwarp.trials.walk_trials import WalkResult
-from paper.reproduce import cache, walk_results, walks
+from paper.reproduce import cache, walks
 from paper.reproduce.cache import Job
 from paper.reproduce.comparison import Findings, over_seeds
 from paper.reproduce.motors import calf_torque, electrical
 from paper.reproduce.motors.calf_torque import fig8
 from paper.reproduce.settings import Settings
-from paper.reproduce.walk_results import fig9, table6, table7
+from paper.reproduce.table6 import fig9, reduction_row, table6
+from paper.reproduce.table7 import table7
 
 TRIALS = np.arange(9)
 """Three rollouts of each of three policies."""
@@ -259,12 +260,12 @@ def test_a_reduction_has_the_spread_of_both_robots() -> None:
         ("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
         ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3},
     }
-    row = walk_results.reduction_row("SAL against MR_Go", saved(0.0), cots, "")
+    row = reduction_row("SAL against MR_Go", saved(0.0), cots, "")
     assert (row.ours, row.n) == (pytest.approx(20.0), 3)
     assert row.sd == pytest.approx(100.0 * 0.8 * 0.05)
     assert row.paper and row.paper.sd == pytest.approx(2.0)
     cots["mr_go", 0.0, 0.3] = {"ours": 10.0, "sd": None, "n": 1}
-    assert walk_results.reduction_row("SAL against MR_Go", saved(0.0), cots, "").sd is None
+    assert reduction_row("SAL against MR_Go", saved(0.0), cots, "").sd is None
 
 
 def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:

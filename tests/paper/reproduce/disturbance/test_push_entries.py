@@ -14,7 +14,7 @@ from paper.reproduce.comparison import Findings
 from paper.reproduce.disturbance import drop_trials, push_entries, push_rule, table4
 from paper.reproduce.disturbance.push_rule import JOINT, LITERAL, PAIR
 from paper.reproduce.settings import Settings
-from tests.paper.reproduce.disturbance.test_drop_entries import dropped
+from tests.paper.reproduce.disturbance.test_table5 import dropped
 
 TRIALS = 6
 """Two of each of three policies."""

@@ -1,7 +1,6 @@
-"""Entries on walks: cost of transport (table 6, figure 9), support activation (table 7).
+"""Table 6 and figure 9: cost of transport.
 
-Go1's rows of table 6 calibrate the electrical model, all others are predicted. Robots walk at the speeds that the paper
-measured; its simulation's activation stands next to walks as commanded.
+Go1's rows calibrate the electrical model, all others are predicted. Robots walk at the speeds that the paper measured.
 """
 
 from __future__ import annotations
@@ -16,23 +15,25 @@ from mrwarp.energy import consistency
 from mrwarp.energy.model_numbers import CALIBRATED
 from mrwarp.energy.power import ElectricalCfg, battery_power
 from mrwarp.paper import PaperValue
-from mrwarp.params import GateParams
 from mrwarp.runtime import drawing
 from mrwarp.trials import walk_figures, walk_pictures
 from mrwarp.trials.statistics import ratio_sd
 from mrwarp.trials.walk_figures import Saving, mean_power
 from mrwarp.trials.walk_trials import WalkResult
 from paper.reproduce import walks
-from paper.reproduce.cache import Job
-from paper.reproduce.comparison import Comparison, Findings, TextTable, compare, identified, over_seeds
+from paper.reproduce.cache import Experiment, Job
+from paper.reproduce.comparison import CELLS, Comparison, Findings, TextTable, compare, identified, over_seeds
+from paper.reproduce.verdicts import Claim, rows
 from paper.reproduce.walks import Walks
 from paper.study.plan import HIGH_POWER_PRICE, POWER_PRICE
 
 Claimed = tuple[str, str, bool]
 """A claim's identifier and sentence, and whether it holds."""
 
+
 Cots = dict[tuple[str, float, float], dict[str, Any]]
 """COT over training seeds, see :func:`over_seeds`, by robot, payload [kg] and commanded speed [m/s]."""
+
 
 PARTS = {
     "copper_calves": "calves",
@@ -77,7 +78,7 @@ def table6(job: Job) -> Findings:
     training = _training(walked, fit.cfg)
     return Findings(
         rows=rows,
-        **identified(*_claims(cots, walked.both), *_stuck(_claims(cots_stuck, sticking))),
+        **identified(*_claims(cots, walked.both), *of_sticking(_claims(cots_stuck, sticking))),
         notes=[
             f"Go1's four rows and its {paper.MISSION_POWER['go1']['standby']:g} W of standing give {fit} "
             f"(95 %), to {fit.rmse:.1f} W (RMS). No row of MR_Go and MR_Go-SAL took part.",
@@ -197,12 +198,12 @@ def _reduced(after: Cots, before: Cots, cell: tuple[float, float]) -> float:
     return 1.0 - after["mr_go_sal", *cell]["ours"] / before["mr_go", *cell]["ours"]
 
 
-def _stuck(claims: Sequence[Claimed]) -> list[Claimed]:
+def of_sticking(claims: Sequence[Claimed]) -> list[Claimed]:
     """Claims of brakes that stick."""
-    return _of("stuck", "a device that sticks", claims)
+    return of_others("stuck", "a device that sticks", claims)
 
 
-def _of(begin: str, title: str, claims: Sequence[Claimed]) -> list[Claimed]:
+def of_others(begin: str, title: str, claims: Sequence[Claimed]) -> list[Claimed]:
     """Claims of other walks, by identifiers and sentences that begin so."""
     return [(f"{begin}_{name}", f"{title}: {text}", holds) for name, text, holds in claims]
 
@@ -361,60 +362,47 @@ def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
     return TextTable(title=title, head=["condition", *columns], rows=rows, id="training")
 
 
-def table7(job: Job) -> Findings:
-    """Mean activation over the calves next to the paper's simulation and hardware."""
-    walked = walks.read(job)
-    rows, share, claims = _activation(walked, "both", {"hardware": "paper's hardware"})
-    simulated, _, nominal = _activation(walked, "as_commanded", {"simulation": "paper's simulation"})
-    stuck = {"hardware": "paper's hardware, a device that sticks"}
-    more, share_sticking, claims_sticking = _activation(walked, "constraint_coupling", stuck)
-    return Findings(
-        rows=[*rows, *simulated, *more],
-        **identified(*claims, *_of("commanded", "at 0.3 and 0.5 m/s", nominal), *_stuck(claims_sticking)),
-        notes=walked.arrivals("both", "as_commanded", "constraint_coupling", robots=("mr_go_sal",)),
-        figures={
-            name: {paper.condition_name(*cell): value for cell, value in found.items()}
-            for name, found in (("activation", share), ("activation_constraint_coupling", share_sticking))
-        },
-    )
+EXPERIMENTS = (
+    Experiment(
+        name="table6",
+        compute=table6,
+        needs=("walks",),
+    ),
+    Experiment(
+        name="fig9",
+        compute=fig9,
+        needs=("walks",),
+    ),
+)
 
-
-def _activation(
-    walked: Walks, variant: str, sources: dict[str, str]
-) -> tuple[list[Comparison], dict[tuple[float, float], float], list[Claimed]]:
-    """Rows of a variant next to the paper's sources by their names there, our shares of time [%], and the claims."""
-    rows, share = [], {}
-    results = [result for result in walked.results[variant] if result.robot == "mr_go_sal"]
-    for result in results:
-        ours = over_seeds(100.0 * result.hold.mean(-1), walked.seed_of(result, variant))
-        share[result.cell] = ours["ours"]
-        for source, shown in sources.items():
-            theirs = 100.0 * paper.TABLE_7[result.cell][source]
-            why = _why(result, ours["ours"], theirs)
-            rows.append(compare(f"{result.condition}, {shown}", ("activation", "%", 1), theirs, ours, why))
-    whole = walks.complete(results)  # without a condition no claim of section 6.4 holds
-    claims = [
-        (
-            "longer_when_slow",
-            "activation is longer at 0.3 than at 0.5 m/s, without and with payload",
-            whole and all(share[load, 0.3] > share[load, 0.5] for load in (0.0, 3.0)),
-        ),
-        (
-            "longer_when_loaded",
-            "activation is longer with payload than without, at both speeds",
-            whole and all(share[3.0, speed] > share[0.0, speed] for speed in (0.3, 0.5)),
-        ),
-    ]
-    return rows, share, claims
-
-
-def _why(result: WalkResult, ours: float, theirs: float) -> str:
-    """How the shares of time [%] come about."""
-    if not len(result.speed):
-        return "No trial arrived."
-    legs, damped = 100.0 * result.hold.mean(0), 100.0 * result.dynamic.mean()
-    return (
-        f"The gate holds a loaded calf below {GateParams().eps_hold:g} rad/s; our gait's calves stand still "
-        f"{'longer' if ours > theirs else 'for less time'}: {legs.min():.0f} to {legs.max():.0f} % over the four, of a "
-        f"stance of {100.0 * walk_figures.STANCE_SHARE:.0f} % (damping takes {damped:.0f} %)."
-    )
+CLAIMS = (
+    Claim(
+        id="walk.power/go1",
+        place="Table 6, figure 9",
+        says="COT of Go1: 0 kg at 0.3, 0.5; 3 kg at 0.3, 0.5 m/s",
+        measure=rows("table6", "COT", *(f"Go1, {cell}" for cell in CELLS)),
+        why="Three electrical numbers are fitted to these four rows and the standing power.",
+    ),
+    Claim(
+        id="walk.power/mr_go",
+        place="Table 6, figure 9",
+        says="COT of MR_Go, same order",
+        measure=rows("table6", "COT", *(f"MR_Go, {cell}" for cell in CELLS)),
+        why="Devices that are off cost ours more than the paper's.",
+    ),
+    Claim(
+        id="walk.power/mr_go_sal",
+        place="Table 6, figure 9",
+        says="COT of MR_Go-SAL, same order",
+        measure=rows("table6", "COT", *(f"MR_Go-SAL, {cell}" for cell in CELLS)),
+        why="What MR_Go draws too much remains.",
+    ),
+    Claim(
+        id="walk.saving/cot",
+        place="Table 6, abstract",
+        says="reduction of COT by SAL, same order [%]",
+        measure=rows("table6", "reduction of COT", *(f"SAL against MR_Go, {cell}" for cell in CELLS)),
+        effect=True,
+        why="About half of it is the training's: with equal policies the device alone saves less.",
+    ),
+)

@@ -9,8 +9,10 @@ import pytest
 from mrwarp.usd.robot import LEGS
 from paper.reproduce.cache import Job
 from paper.reproduce.comparison import BRAKE
-from paper.reproduce.disturbance import drop_entries, drop_trials
+from paper.reproduce.disturbance import drop_trials
 from paper.reproduce.disturbance.drop_trials import COLUMNS, DROPS
+from paper.reproduce.disturbance.fig7 import fig7
+from paper.reproduce.disturbance.table5 import table5
 from paper.reproduce.settings import Settings
 from paper.study.plan import AWARE, CONVENTIONAL
 
@@ -45,7 +47,7 @@ def test_bars_show_the_spread_of_the_rows(monkeypatch: pytest.MonkeyPatch, tmp_p
 
     monkeypatch.setattr(matplotlib.axes.Axes, "bar", spy)
     monkeypatch.setattr(drop_trials, "read", lambda job: dropped())
-    found = drop_entries.fig7(Job(settings=Settings(), out=tmp_path))
+    found = fig7(Job(settings=Settings(), out=tmp_path))
     row = next(row for row in found.rows if row.condition.startswith("FR, 0 A"))
     assert (row.ours, row.sd, row.n) == (pytest.approx(2.05), pytest.approx(1.0), 3)
     assert drawn.count(pytest.approx((row.ours, row.sd))) == len(COLUMNS)
@@ -55,7 +57,7 @@ def test_bars_show_the_spread_of_the_rows(monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_table5_has_two_columns(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Every configuration with the paper's torque and with the constraint; SAL takes its tenth of both trainings."""
     monkeypatch.setattr(drop_trials, "read", lambda job: dropped())
-    found = drop_entries.table5(Job(settings=Settings(), out=tmp_path))
+    found = table5(Job(settings=Settings(), out=tmp_path))
     ours = {(row.condition, row.quantity): row.ours for row in found.rows}
     for column in ("", BRAKE):
         off, on = (
