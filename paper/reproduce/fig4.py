@@ -349,14 +349,7 @@ def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe
     return {"summary": learn.summary(errors), "errors": by_current, **made}
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="fig4",
-        compute=compute,
-        files=lambda: networks(SAMPLES),
-        seconds=lambda _: 7.0,
-    ),
-)
+EXPERIMENTS = (Experiment(name="fig4", compute=compute, files=lambda: networks(SAMPLES), seconds=lambda _: 7.0),)
 
 CLAIMS = (
     Claim(

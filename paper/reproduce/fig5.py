@@ -35,13 +35,7 @@ def fig5(job: Job) -> Findings:
     )
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="fig5",
-        compute=fig5,
-        files=lambda: study_files(TRAININGS, record_file),
-    ),
-)
+EXPERIMENTS = (Experiment(name="fig5", compute=fig5, files=lambda: study_files(TRAININGS, record_file)),)
 
 CLAIMS = (
     Claim(

@@ -297,16 +297,8 @@ EXPERIMENTS = (
         settings=("policies", "rollouts", "window", "seed"),
         seconds=walks_time(40.0, "window", 10.0),
     ),
-    Experiment(
-        name="fig10",
-        compute=fig10,
-        needs=("walks", "windows"),
-    ),
-    Experiment(
-        name="fig11",
-        compute=fig11,
-        needs=("walks", "windows"),
-    ),
+    Experiment(name="fig10", compute=fig10, needs=("walks", "windows")),
+    Experiment(name="fig11", compute=fig11, needs=("walks", "windows")),
 )
 
 CLAIMS = (

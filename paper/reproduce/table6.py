@@ -363,16 +363,8 @@ def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
 
 
 EXPERIMENTS = (
-    Experiment(
-        name="table6",
-        compute=table6,
-        needs=("walks",),
-    ),
-    Experiment(
-        name="fig9",
-        compute=fig9,
-        needs=("walks",),
-    ),
+    Experiment(name="table6", compute=table6, needs=("walks",)),
+    Experiment(name="fig9", compute=fig9, needs=("walks",)),
 )
 
 CLAIMS = (

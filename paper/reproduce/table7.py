@@ -79,13 +79,7 @@ def _why(result: WalkResult, ours: float, theirs: float) -> str:
     )
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="table7",
-        compute=table7,
-        needs=("walks",),
-    ),
-)
+EXPERIMENTS = (Experiment(name="table7", compute=table7, needs=("walks",)),)
 
 CLAIMS = (
     Claim(

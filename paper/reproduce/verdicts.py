@@ -264,7 +264,7 @@ class Judged:
 
 
 def mark_of(entry: str) -> Mark:
-    """What was known when an entry was made; of what is none, nothing was chosen in view."""
+    """Knowledge of the paper's figures when an entry was made; without an entry nothing was tuned in view."""
     return CONTENTS[entry].mark if entry in CONTENTS else Mark.PREDICTED
 
 

@@ -79,13 +79,7 @@ def _plot_drop(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None
     figure.savefig(job.out / "torque.png", dpi=110)
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="fig7",
-        compute=fig7,
-        needs=("drops",),
-    ),
-)
+EXPERIMENTS = (Experiment(name="fig7", compute=fig7, needs=("drops",)),)
 
 CLAIMS = (
     Claim(

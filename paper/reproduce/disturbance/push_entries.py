@@ -217,18 +217,8 @@ def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[Mapping[str, An
 
 
 EXPERIMENTS = (
-    Experiment(
-        name="sensitivity",
-        compute=sensitivity,
-        needs=("pushes",),
-        settings=IMPACTS,
-        seconds=impacts_time(9.0),
-    ),
-    Experiment(
-        name="fig6",
-        compute=fig6,
-        needs=("pushes",),
-    ),
+    Experiment(name="sensitivity", compute=sensitivity, needs=("pushes",), settings=IMPACTS, seconds=impacts_time(9.0)),
+    Experiment(name="fig6", compute=fig6, needs=("pushes",)),
 )
 
 CLAIMS = (

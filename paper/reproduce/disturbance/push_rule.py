@@ -313,10 +313,6 @@ def fallen(fell: np.ndarray, what: str) -> list[str]:
 
 EXPERIMENTS = (
     Experiment(
-        name="pushes",
-        compute=simulate,
-        settings=IMPACTS,
-        files=lambda: networks((AWARE,)),
-        seconds=impacts_time(12.0),
+        name="pushes", compute=simulate, settings=IMPACTS, files=lambda: networks((AWARE,)), seconds=impacts_time(12.0)
     ),
 )

@@ -327,13 +327,7 @@ def _effect(quantity: str) -> Measure:
     return rows("table4", f"change of {quantity}", *(f"{a} A against 0 A" for a in ("0.5", "1", "1.5")))
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="table4",
-        compute=compute,
-        needs=("pushes", "drops"),
-    ),
-)
+EXPERIMENTS = (Experiment(name="table4", compute=compute, needs=("pushes", "drops")),)
 
 CLAIMS = (
     Claim(

@@ -64,13 +64,7 @@ def table5(job: Job) -> Findings:
     )
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="table5",
-        compute=table5,
-        needs=("drops",),
-    ),
-)
+EXPERIMENTS = (Experiment(name="table5", compute=table5, needs=("drops",)),)
 
 CLAIMS = (
     Claim(

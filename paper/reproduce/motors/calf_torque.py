@@ -121,13 +121,7 @@ def _thigh(walked: Walks) -> str:
     return f"The thigh has {bare} N·m on Go1 and {on} with SAL, and {off} with the same policies and SAL off."
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="fig8",
-        compute=fig8,
-        needs=("walks",),
-    ),
-)
+EXPERIMENTS = (Experiment(name="fig8", compute=fig8, needs=("walks",)),)
 
 CLAIMS = (
     Claim(

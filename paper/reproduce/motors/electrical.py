@@ -173,10 +173,4 @@ def drive_friction(walked: Walks, fit: Calibration, theirs: dict[str, float]) ->
     return TextTable(title=title, head=["", "without", "with drive friction", "paper"], rows=rows), text
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="electrical",
-        compute=compute,
-        needs=("walks",),
-    ),
-)
+EXPERIMENTS = (Experiment(name="electrical", compute=compute, needs=("walks",)),)
