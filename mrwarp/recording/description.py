@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from mrwarp.recording.data import Trajectory, quantity, with_unit
+from mrwarp.recording.data import NO_INPUT, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
 from mrwarp.recording.load import TURNS, Recording, derivative_ratio, turns
 
@@ -25,6 +25,9 @@ def describe(recording: Recording, verdict: str = "good") -> list[str]:
     shown = {**units, "qd": f"{units['q']}/s", "temperature": "degC"}
     more = {"qd": _velocity(recording), "current": _levels(recording)}
     for key in ("q", "qd", "current", "torque", "temperature"):
+        if shown.get(key) == NO_INPUT:
+            lines.append(f"{key:13s} none: a device without a control input")
+            continue
         columns = [column for run in runs if (column := getattr(run, key)) is not None]
         if columns:
             low, high = (float(end(list(map(end, columns)))) for end in (np.min, np.max))
@@ -85,10 +88,13 @@ def notes(recording: Recording) -> list[str]:
             f"qd is not the derivative of q in {len(odd)} trajectories, e.g. {odd[0]!r}; if qd is not to be trusted, "
             "leave its column out and it is derived from q"
         )
-    if all(np.ptp(run.current) == 0.0 for run in runs):
-        found.append("the current is constant in every trajectory: a lag or delay of the coil cannot be seen")
-    if len({float(run.current.max()) for run in runs}) == 1:
-        found.append("all trajectories reach the same current: current-dependent terms rest on its changes only")
+    name = quantity("current", recording.units)
+    if recording.units["current"] == NO_INPUT:
+        pass  # there is none to be changed
+    elif all(np.ptp(run.current) == 0.0 for run in runs):
+        found.append(f"the {name} is constant in every trajectory: a lag or delay of what it acts on cannot be seen")
+    elif len({float(run.current.max()) for run in runs}) == 1:
+        found.append(f"all trajectories reach the same {name}: terms that depend on it rest on its changes only")
     still = [run.id for run in runs if float(np.ptp(run.q)) == 0.0]
     if still:
         found.append(f"no motion in {len(still)} trajectories, e.g. {still[0]!r}")

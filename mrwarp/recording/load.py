@@ -74,6 +74,15 @@ _PLAUSIBLE = {
     "N": (1.0e6, "mN"),
 }
 
+_MIXED = (
+    (DEGREES, 1.6, "deg", "q"),
+    (1.0 / DEGREES, 1.6, "deg/s", "qd"),
+    (2.0 * np.pi / 60.0, 1.23, "rpm", "qd"),
+    (1.0 / (2.0 * np.pi), 1.23, "rev", "q"),
+)
+"""Ratio of dq/dt to qd where one of them is in another unit and the other in radians, the largest factor from it (of the
+last two half-way between them, in logarithms), that unit and its column."""
+
 
 def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
     """Read and check a recording: one CSV or Parquet file, or a folder of them; at most :data:`MAX_BYTES`.
@@ -382,10 +391,10 @@ def _check_units(table: Table, parts: list[Trajectory], units: Units, turned: bo
         return
     for part in parts:
         ratio = derivative_ratio(part)
-        if part.qd_derived or not (0.6 < ratio / DEGREES < 1.6 or 0.6 < ratio * DEGREES < 1.6):
+        unit, key = next((x[2:] for x in _MIXED if 1.0 / x[1] < ratio / x[0] < x[1]), ("", ""))
+        if part.qd_derived or not key:
             continue
-        key, unit, other = ("q", "deg", "qd") if ratio > 1.0 else ("qd", "deg/s", "q")
-        declared = {"q": "deg", "qd": "rad/s"} if key == "q" else {"q": "rad", "qd": "deg/s"}
+        other, declared = ("qd" if key == "q" else "q"), {"q": "rad", "qd": "rad/s", key: unit}
         raise table.refuse(
             f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
             f"radians; convert it, or declare it in units.json next to the file: {json.dumps(declared)}",

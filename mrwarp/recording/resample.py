@@ -34,6 +34,10 @@ _AGREE = 0.02
 """Share by which the interval from rounded numbers of intervals, which is exact for little jitter, may be off the one
 from pairs of intervals, which bears any: a jitter of half an interval is rounded either way."""
 
+_CLOCK = -0.15
+"""Correlation of successive intervals (lag 1) below which a clock is behind them: -0.5 where stamps stray about a clock,
+for a late one makes its next interval short; 0, to within 2/sqrt(N), where each interval is on its own."""
+
 _TYPICAL = 45.0
 """Percentile of the intervals where the logger's own is looked for: of two that are as common, the shorter."""
 
@@ -168,9 +172,11 @@ def _on_grid(part: dict[str, np.ndarray], dt: float, odd: np.ndarray, row: int, 
     if not odd.any():
         return Piece(columns=part, **found)  # pyright: ignore[reportArgumentType]
     count = max(round((t[-1] - t[0]) / dt), 1) + 1
-    missing = max(count - len(t), 0)
+    missing, intervals = max(count - len(t), 0), np.diff(t) / dt
+    if missing and not _has_clock(intervals):
+        count, missing = len(t), 0
     if missing > MAX_FILLED * count:
-        if _loses(np.diff(t) / dt):
+        if _loses(intervals):
             raise UnevenError(
                 f"uneven sampling: {100.0 * missing / count:.0f} % of the samples are missing, at most "
                 f"{100.0 * MAX_FILLED:g} % are filled in; log at an even rate, or resample it yourself",
@@ -195,6 +201,14 @@ def _resampled(name: str, t: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.
     if 2 * np.count_nonzero(np.diff(x)) < len(x):
         return x[np.searchsorted(0.5 * (t[1:] + t[:-1]), grid)]
     return np.interp(grid, t, x)
+
+
+def _has_clock(intervals: np.ndarray) -> bool:
+    """Whether an even clock is behind intervals, in those of the clock: only then a long one means lost samples."""
+    off = intervals - np.rint(intervals)
+    if float((np.abs(off) < _ON_TICK).mean()) > _MOSTLY:
+        return True
+    return min(float(np.corrcoef(x[:-1], x[1:])[0, 1]) for x in (intervals, off)) < _CLOCK
 
 
 def _loses(intervals: np.ndarray) -> bool:

@@ -15,18 +15,22 @@ import numpy as np
 from mrwarp.options.json_file import JsonFileError, read_json_file
 from mrwarp.recording.data import DEGREES, NO_INPUT, UNITS, RecordingError
 
-_RAD, _NM = 1.0 / DEGREES, "N·m"
+_RAD, _TURN, _NM = 1.0 / DEGREES, 2.0 * np.pi, "N·m"
+_KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
+"""A kilogram's and a pound's weight [N] and an inch [m], as they are defined."""
 _CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
     "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), **dict.fromkeys(("us", "µs", "μs"), (1e-6, "s")), "ns": (1e-9, "s")},
     "q": {
         "rad": (1.0, "rad"),
         **dict.fromkeys(("deg", "degree", "degrees", "°"), (_RAD, "rad")),
+        **dict.fromkeys(("rev", "revs", "turn", "turns"), (_TURN, "rad")),
         **{"mrad": (1e-3, "rad"), "m": (1.0, "m"), "mm": (1e-3, "m")},
     },
     "qd": {
         "rad/s": (1.0, "rad/s"),
         **dict.fromkeys(("deg/s", "°/s"), (_RAD, "rad/s")),
-        **{"mrad/s": (1e-3, "rad/s"), "rpm": (2.0 * np.pi / 60.0, "rad/s"), "m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s")},
+        **dict.fromkeys(("rev/s", "revs/s", "turn/s", "turns/s"), (_TURN, "rad/s")),
+        **{"mrad/s": (1e-3, "rad/s"), "rpm": (_TURN / 60.0, "rad/s"), "m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s")},
     },
     # any other unit of the control input is carried by its name
     "current": {
@@ -36,7 +40,10 @@ _CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
     "torque": {
         **dict.fromkeys(("N·m", "Nm", "N*m", "N.m", "N m"), (1.0, _NM)),
         **dict.fromkeys(("mN·m", "mNm", "mN*m"), (1e-3, _NM)),
+        **dict.fromkeys(("N·cm", "Ncm", "N*cm"), (1e-2, _NM)),
         **dict.fromkeys(("kN·m", "kNm"), (1e3, _NM)),
+        **{"kgf·cm": (1e-2 * _KGF, _NM), "lbf·ft": (12.0 * _INCH * _LBF, _NM)},  # servos' and spanners' units
+        **{"lbf·in": (_INCH * _LBF, _NM), "ozf·in": (_INCH * _LBF / 16.0, _NM)},
         **{"N": (1.0, "N"), "mN": (1e-3, "N"), "kN": (1e3, "N")},
         **{"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V")},  # a drive's own estimate: carried, not converted
     },
@@ -74,10 +81,16 @@ _SPELT = {
     _NM: ("nm", "n*m", "n.m", "n m", "newton metre", "newton metres", "newton meter", "newton meters"),
     "N": ("newton", "newtons"),
     "mN·m": ("millinewton metre", "millinewton metres"),
+    "kgf·cm": ("kgf*cm", "kgf.cm", "kgfcm", "kg·cm", "kg*cm", "kg.cm", "kgcm", "kg-cm", "kg cm"),
+    "lbf·ft": ("lbf*ft", "lbf ft", "lb·ft", "lb-ft", "lb ft", "ft·lb", "ft-lb", "ft lb", "ft·lbf", "ft-lbf"),
+    "lbf·in": ("lbf*in", "lbf in", "lb·in", "lb-in", "lb in", "in·lb", "in-lb", "in lb", "in·lbf", "in-lbf"),
+    "ozf·in": ("ozf*in", "ozf in", "oz·in", "oz-in", "oz in", "in·oz", "in-oz", "in oz"),
     "rad": ("radian", "radians"),
+    "rev": ("revolution", "revolutions"),
     "deg": ("degs",),
     "deg/s": ("deg/sec", "degrees/s", "degree/s", "dps"),
     "rpm": ("rev/min", "1/min"),
+    "rev/s": ("rps", "revolutions/s"),
     "rad/s": ("rad/sec", "radians/s"),
     "s": ("sec", "second", "seconds"),
     "ms": ("msec", "millisecond", "milliseconds"),

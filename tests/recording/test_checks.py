@@ -131,6 +131,8 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "degrees": (_edited(q=lambda x: x * DEG, qd=lambda x: x * DEG), ("'q'", "look like deg", '{"q": "deg"}')),
     "small degrees": (_edited(q=lambda x: 0.1 * x * DEG, qd=lambda x: 0.1 * x), ("'q'", "looks like deg", "dq/dt")),
     "degrees per second": (_edited(qd=lambda x: x * DEG), ("'qd'", "looks like deg/s")),
+    "rpm": (_edited(qd=lambda x: x * 30.0 / np.pi), ("'qd'", "looks like rpm", '"qd": "rpm"')),
+    "turns": (_edited(q=lambda x: x / (2.0 * np.pi)), ("'q'", "looks like rev", '"q": "rev"')),
     "milliamperes": (_edited(current=lambda x: 1e3 * x), ("'current'", "look like mA", '{"current": "mA"}')),
     "millinewtonmetres": (_edited(torque=lambda x: 1e3 * x), ("'torque'", "look like mN·m")),
     "milliseconds": (_edited(t=lambda x: 1e3 * x), ("'t'", "look like milliseconds")),

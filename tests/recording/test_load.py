@@ -25,6 +25,9 @@ from mrwarp.recording.load import (
 )
 from tests.recording.recordings import DEG, columns, write
 
+TURN = 1.0 / (2.0 * np.pi)
+"""Turns in a radian."""
+
 
 def random_recording(seed: int) -> Recording:
     """Two trajectories of random numbers: all digits count."""
@@ -141,6 +144,12 @@ def test_folder_prefixes_ids_with_the_file(tmp_path: Path):
         ({"current": "mA"}, {"current": 1e3}),
         ({"torque": "mN·m"}, {"torque": 1e3}),
         ({"torque": "mNm", "t": "ms"}, {"torque": 1e3, "t": 1e3}),
+        ({"q": "rev"}, {"q": TURN, "qd": TURN}),
+        ({"q": "turns", "qd": "rpm"}, {"q": TURN, "qd": 60.0 * TURN}),
+        ({"torque": "N·cm"}, {"torque": 1e2}),
+        ({"torque": "kgf·cm"}, {"torque": 1e2 / 9.80665}),
+        ({"torque": "lbf·ft"}, {"torque": 0.7375621492772656}),
+        ({"torque": "ozf·in"}, {"torque": 16.0 / (0.0254 * 4.4482216152605)}),
     ],
 )
 def test_declared_units_are_converted(tmp_path: Path, declared: dict[str, str], factor: dict[str, float]):

@@ -181,6 +181,27 @@ def test_two_typical_intervals_are_resampled(kinds: tuple[float, float], share: 
     assert wrong.mean() < 0.06
 
 
+@pytest.mark.parametrize("kinds", [(3e-3, 7e-3, 12e-3), (4e-3, 5e-3, 5e-3, 7.5e-3), None])
+def test_no_sample_is_lost_where_no_clock_is(kinds: tuple[float, ...] | None) -> None:
+    """Three or four typical intervals, or any from 2 to 14 ms: as many samples as were taken, at their mean rate."""
+    rng = np.random.default_rng(6)
+    step = rng.choice(kinds, 700, p=[0.4, *([0.6 / (len(kinds) - 1)] * (len(kinds) - 1))]) if kinds else rng.uniform(2e-3, 14e-3, 700)
+    t = np.concatenate([[0.0], np.cumsum(step)])
+    (piece,), gaps = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": np.zeros(len(t))})
+    assert not gaps and piece.filled == 0 and len(piece.columns["t"]) == len(t) and "lost" not in piece.text()
+    assert np.abs(piece.columns["q"] - np.sin(7.0 * piece.columns["t"])).max() < 3e-3
+
+
+@pytest.mark.parametrize("stray", [0.0, 0.1, 0.3, 0.45])
+def test_lost_samples_are_counted_however_stamps_stray(stray: float) -> None:
+    """One sample in thirty lost by an even clock: the clock's own rate, and about as many filled in as were lost."""
+    rng, n = np.random.default_rng(7), 1500
+    kept = rng.random(n) > 1.0 / 30.0
+    t = (np.arange(n) + rng.uniform(-stray, stray, n))[kept] * 5e-3
+    (piece,), _ = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": np.zeros(len(t))})
+    assert piece.filled == pytest.approx(n - kept.sum(), rel=0.5)
+
+
 def test_a_measured_current_is_interpolated() -> None:
     """A column that changes with every sample is no command."""
     t = np.cumsum(np.random.default_rng(4).choice([4.2e-3, 10e-3], 400))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,17 @@ def test_further_multiples_are_converted(tmp_path: Path, unit: str, times: float
     found = load_recording(_declared(tmp_path, scaled, {"current": unit}))
     assert found.units["current"] == base
     np.testing.assert_allclose(found.trajectories[0].current, plain["current"], rtol=1e-6)  # seven digits in the file
+
+
+@pytest.mark.parametrize(
+    ("declared", "meant"),
+    [({"torque": "oz-in"}, "ozf·in"), ({"torque": "kg-cm"}, "kgf·cm"), ({"torque": "ft-lb"}, "lbf·ft"),
+     ({"q": "revolutions"}, "rev"), ({"qd": "RPM"}, "rpm"), ({"qd": "rps"}, "rev/s")],
+)  # fmt: skip
+def test_a_servo_s_unit_by_another_name_is_asked_back(tmp_path: Path, declared: dict[str, str], meant: str) -> None:
+    """The question names the unit that was meant, not one that is a hundred times as large."""
+    with pytest.raises(RecordingError, match=re.escape(f"did you mean {meant}?")):
+        load_recording(_declared(tmp_path, columns(), declared))
 
 
 def test_a_misspelt_unit_of_the_angle_is_asked_back(tmp_path: Path) -> None:

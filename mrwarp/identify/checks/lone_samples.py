@@ -1,14 +1,14 @@
 """Spikes: a few samples that stand out of all that is smooth, carry much of a mismatch, and come again nowhere.
 
 A missing mechanism leaves a mismatch of its own form: a lag after every step of the control input, play after every
-reversal. What is left of it far above the typical size is no spike where it sits at such events, or has one sign along
-the motion.
+reversal. What is left of it far above the typical size is no spike where it sits at such events and lasts, or has one
+sign along the motion or along what the event does to the torque.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, median_filter
 from scipy.stats import binomtest
 
 from mrwarp.identify.dataset import Dataset
@@ -29,6 +29,9 @@ typical one."""
 _CHANCE, _ONE_SIGN = 1e-3, 0.5
 """Chance of the far stretches having one sign so often along the motion, and share of their sum that one sign has over,
 below and above which they have a law."""
+_AROUND, _ALONE = 7, 0.5
+"""Samples whose median a sample at an event is compared with, and least part of it that must stand out of them: what an
+event leaves of a mechanism goes on in the next samples."""
 _BEFORE, _AFTER = 1, 4
 """Samples left out around each spike: noise is judged by what came just before."""
 
@@ -43,23 +46,33 @@ def find_spikes(left: np.ndarray, simulated: np.ndarray, samples: Dataset, count
         counts: Samples that count, bool, shape (N,).
     """
     far = far_off(left, samples, counts)
-    for window in _events(samples):
+    for along in _events(samples):
+        window = along != 0.0
         inside, outside = _rate(far, window & counts), _rate(far, ~window & counts)
         if inside > _LOCKED * outside:
-            far &= ~window
-    stretches = np.cumsum(np.diff(far.astype(int), prepend=0) == 1) * far
-    count = int(stretches.max())
-    if count == 0:
-        return far
-    for along in (samples.qd, simulated - np.median(simulated)):
-        sums = np.bincount(stretches, weights=left * np.sign(along), minlength=count + 1)[1:]
-        one_sign = abs(float(sums.sum())) > _ONE_SIGN * float(np.abs(sums).sum())
-        if one_sign and binomtest(int((sums > 0.0).sum()), count).pvalue < _CHANCE:
-            return np.zeros(len(left), dtype=bool)
+            alone = far & window & _stands_out(left, samples)
+            far &= ~window if _has_one_sign(left * along, alone) else ~window | alone
+    if any(_has_one_sign(left * x, far) for x in (np.sign(samples.qd), np.sign(simulated - np.median(simulated)))):
+        return np.zeros(len(left), dtype=bool)
     carried = float(np.sum(left[far] ** 2))
     heavy = carried > _CARRY * float(np.sum(left[counts] ** 2))
     large = carried > _SIZE**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
     return far if heavy and large and far.sum() <= _MOST * counts.sum() else np.zeros(len(left), dtype=bool)
+
+
+def _has_one_sign(along: np.ndarray, far: np.ndarray) -> bool:
+    """Whether stretches of far samples have one sign too often for chance, by what is left along some direction."""
+    stretches = np.cumsum(np.diff(far.astype(int), prepend=0) == 1) * far
+    count = int(stretches.max(initial=0))
+    sums = np.bincount(stretches, weights=along, minlength=count + 1)[1:]
+    one_sign = abs(float(sums.sum())) > _ONE_SIGN * float(np.abs(sums).sum())
+    return one_sign and binomtest(int((sums > 0.0).sum()), count).pvalue < _CHANCE
+
+
+def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:
+    """Samples that stand out of their neighbours by most of their size, bool, shape (N,)."""
+    around = np.concatenate([median_filter(left[part], _AROUND) for part in samples.parts])
+    return np.abs(left - around) > _ALONE * np.abs(left)
 
 
 def _rate(far: np.ndarray, at: np.ndarray) -> float:
@@ -85,15 +98,20 @@ def beside_spikes(spikes: np.ndarray, samples: Dataset) -> np.ndarray:
 
 
 def _events(samples: Dataset) -> list[np.ndarray]:
-    """Samples within a moment after a reversal, from the last one that moves on, and after a step of the input."""
-    turned, stepped = (np.zeros(len(samples.qd), dtype=bool) for _ in range(2))
+    """Moments after a reversal, from the last sample that moves on, and after a step of the input; each shape (N,).
+
+    The sign is that of what the event does to the torque: of the new motion, or of the step along the motion. 0 elsewhere.
+    """
+    turned, stepped = (np.zeros(len(samples.qd)) for _ in range(2))
     least = _MOVING * float(np.percentile(np.abs(samples.qd), 95))
     jump = _JUMP * float(np.abs(samples.current).max())
     for part, dt in zip(samples.parts, samples.dt, strict=True):
         reach, qd, here = max(1, round(_EVENT / dt)), samples.qd[part], np.arange(part.start, part.stop)
         moving = here[np.abs(qd) > least]
         for k in np.flatnonzero(np.diff(np.sign(samples.qd[moving])) != 0.0):
-            turned[moving[k] : min(moving[k + 1] + reach, part.stop)] = True
-        for k in here[1:][np.abs(np.diff(samples.current[part])) > max(jump, 1e-12)]:
-            stepped[k : min(k + reach, part.stop)] = True
+            turned[moving[k] : min(moving[k + 1] + reach, part.stop)] = np.sign(samples.qd[moving[k + 1]])
+        steps = np.diff(samples.current[part])
+        for k in np.flatnonzero(np.abs(steps) > max(jump, 1e-12)):
+            along = np.where(qd[k + 1 : k + 1 + reach] < 0.0, -1.0, 1.0)
+            stepped[part.start + k + 1 : part.start + k + 1 + len(along)] = np.sign(steps[k]) * along
     return [turned, stepped]

@@ -13,7 +13,7 @@ from mrwarp.diagnose.checks.recording_faults import recording_faults, turned_sig
 from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.load import Recording, Trajectory, load_recording
 
-DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[4] / "shared" / "data"))
 FAULTY = (1, 4, 5)
 
 

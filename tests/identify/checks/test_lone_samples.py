@@ -35,6 +35,24 @@ def test_a_few_samples_far_off_are_found(number: int) -> None:
     assert spikes.sum() < wide.sum() <= 6 * number and wide[where].all()
 
 
+@pytest.mark.parametrize("at_reversals", [False, True])
+def test_spikes_are_found_among_what_a_mechanism_leaves(at_reversals: bool) -> None:
+    """After each reversal a mechanism leaves 0.6 N·m that fade over 40 ms: spikes anywhere, or at each reversal, stand out.
+
+    They have either sign, which no mechanism has; those that were taken for the mechanism bent every fit.
+    """
+    at, left = measured()
+    turned = np.flatnonzero(np.diff(np.sign(at.qd)) != 0.0) + 1
+    turned = np.setdiff1d(turned, at.start)
+    for k in turned:
+        rest = left[k : k + 40]
+        rest += 0.6 * np.sign(at.qd[k]) * np.exp(-np.arange(len(rest)) * at.dt[0] / 0.04)
+    rng = np.random.default_rng(9)
+    where = turned if at_reversals else np.sort(rng.choice(len(left), 40, replace=False))
+    left[where] += rng.uniform(2.0, 6.0, len(where)) * rng.choice([-1.0, 1.0], len(where))
+    assert set(np.flatnonzero(found(at, left))) >= set(where) and found(at, left).sum() < 1.5 * len(where)
+
+
 def test_what_has_a_law_is_no_spike() -> None:
     """After each step of the current, after each reversal, along the motion, too many, or too small."""
     at, noise = measured()
