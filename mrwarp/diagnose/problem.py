@@ -296,8 +296,8 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
             least_t = settings.one_error
         clear = t > least_t or by_ratio(plain.loo_loss, bent.loo_loss) > settings.clear_t
         if clear and gain > problem.settings.search.bent * plain.total:
-            own = iter(least[EFFECT_PART])
-            added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]
+            own = dict(zip((slot.key for slot in plain.parameters.slots), least[EFFECT_PART], strict=True))
+            added = [own.get(slot.key, 0.0) for slot in bent.parameters.slots]
             return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))
     return plain
 
@@ -331,7 +331,27 @@ def _with_harmonics(problem: Problem, fit: Fit, plain: Fit) -> Fit:
             choices[effect, more[0].name] = 2.0 * parameters.values(fit.x)[effect][counts[0].name]
         elif more:
             choices |= {(effect, name): line for name, line in _lines_that_predict(problem, plain, effect).items()}
-    return fit if choices == parameters.choices else replace(fit, parameters=replace(parameters, choices=choices))
+    if choices == parameters.choices:
+        return fit
+    layout = replace(parameters, choices=choices)
+    return replace(fit, parameters=layout, x=parameters.moved(fit.x, layout))
+
+
+def with_lines(problem: Problem, fit: Fit) -> Fit:
+    """The model with the further lines that predict, of a joint that turns all the way round; all fitted together.
+
+    With one line of several a lag seems to add little to what is left, and functions along the angle seem to replace it.
+    """
+    if problem.motion.ranges.turns < 1.0:
+        return fit
+    for effect in fit.effects:
+        if any(p.repeats for p in KNOWN[effect].parameters):
+            found = {(effect, name): line for name, line in _lines_that_predict(problem, fit, effect).items()}
+            if found.keys() - fit.parameters.choices.keys():
+                layout = replace(fit.parameters, choices={**fit.parameters.choices, **found})
+                more = fit_model(problem, layout, fit.parameters.moved(fit.x, layout))
+                fit = more if more.total < fit.total else fit
+    return fit
 
 
 def _lines_that_predict(problem: Problem, fit: Fit, effect: str) -> dict[str, float]:
@@ -350,7 +370,8 @@ def _lines_that_predict(problem: Problem, fit: Fit, effect: str) -> dict[str, fl
     for p in others:
         if p.name in lines:
             continue
-        left = mismatch - solution @ np.vstack([fit.slopes[fit.free], *columns])
+        # the model's own numbers stay: at one speed each way some of them only stand for each other, at any size
+        left = mismatch - solution[len(fit.free) :] @ np.vstack(columns)
         limits, given = (first.low(ranges), first.high(ranges)), (now[first.name], *lines.values())
         if not (found := angle_lines(problem.motion, left, *limits, given=given)):
             break

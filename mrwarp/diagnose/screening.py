@@ -13,7 +13,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model, reported_fit
+from mrwarp.diagnose.problem import Fit, Problem, fit_model, reported_fit, with_lines
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.normal_equations import losses
@@ -86,7 +86,7 @@ class Models:
             if fit.total > on.total:  # led astray, as by contacts that come and go: better stay near the first look
                 near = [fit_model(self.problem, layout, x, iterations=n) for n in _FEW]
                 fit = min(fit, *near, key=attrgetter("total"))
-            self.fits[layout.effects] = fit
+            self.fits[layout.effects] = with_lines(self.problem, fit)
         return self.fits[layout.effects]
 
     def reported(self, fit: Fit) -> Fit:

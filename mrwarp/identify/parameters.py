@@ -127,19 +127,23 @@ class Parameters:
     choices: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """Values of parameters that say how the data were logged, and of known bends, by (effect, name)."""
     form: bool = False
-    """Whether numbers that bend a law are searched; else they are as known, or null."""
+    """Whether numbers that bend a law are searched; else they are as known, or null. Sizes of known lines always are."""
     steepest: tuple[float, float, float] = STEEPEST
     """Upper bounds of the shape."""
 
     @cached_property
     def slots(self) -> list[Slot]:
         """The effects' numbers in the order of the vector."""
-        slots = [slot for effect in self.effects for slot in slots_of(effect, form=self.form)]
-        return [slot for slot in slots if self._searched(slot)]
+        return [slot for effect in self.effects for slot in slots_of(effect, form=True) if self._searched(slot)]
 
     def _searched(self, slot: Slot) -> bool:
-        """Whether a number is searched: not a known number of repetitions, nor what needs one that is not known."""
+        """Whether a number is searched: not a known number of repetitions, nor what needs one that is not known.
+
+        What bends a law is searched if asked for; the size of a further line always, for without it the line is none.
+        """
         p = slot.parameter
+        if p.form and not p.requires and not self.form:
+            return False
         if p.repeats:
             return not p.form and slot.key not in self.choices
         if p.carried:
@@ -234,7 +238,7 @@ class Parameters:
                     row[at] = self.choices.get((effect, p.name), p.choices[0])
                 elif p.repeats and (p.form or (effect, p.name) in self.choices):
                     row[at] = self.choices.get((effect, p.name), p.null)
-                elif p.form and not (self.form and self._searched(Slot(effect, p))):
+                elif p.form and not self._searched(Slot(effect, p)):
                     row[at] = self.choices.get((effect, p.name), p.null)
         return row
 
@@ -253,8 +257,8 @@ class Parameters:
     def _shown(self, effect: str, p: EffectParameter) -> bool:
         """Whether a number that bends a law stands among the values."""
         if p.repeats or p.requires:
-            return (effect, p.requires or p.name) in self.choices and (self.form or (effect, p.name) in self.choices)
-        return (effect, p.name) in self.choices or (self.form and self._searched(Slot(effect, p)))
+            return (effect, p.requires or p.name) in self.choices
+        return (effect, p.name) in self.choices or self._searched(Slot(effect, p))
 
     def vector(self, base: np.ndarray, numbers: Mapping[tuple[str, str], float]) -> np.ndarray:
         """A vector from its base part and the effects' coordinates; those not given are known, neutral or a start."""
@@ -264,7 +268,7 @@ class Parameters:
     def moved(self, x: np.ndarray, other: Parameters) -> np.ndarray:
         """This model's vector in another layout; what it lacks here is known, at null, or its first start."""
         numbers = {slot.key: x[i] for i, slot in self.items()}
-        return dataclasses.replace(other, choices={**self.choices, **other.choices}).vector(x, numbers)
+        return other.vector(x, {**self.choices, **other.choices, **numbers})
 
     def grown(self, x: np.ndarray, effects: Sequence[str]) -> np.ndarray:
         """This model's vector in a model with more effects; theirs are at null, or the first start."""
