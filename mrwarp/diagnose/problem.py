@@ -340,7 +340,7 @@ def _with_harmonics(problem: Problem, fit: Fit, plain: Fit) -> Fit:
 def with_lines(problem: Problem, fit: Fit) -> Fit:
     """The model with the further lines that predict, of a joint that turns all the way round; all fitted together.
 
-    With one line of several a lag seems to add little to what is left, and functions along the angle seem to replace it.
+    With one line of several a lag seems to add little to what is left, and functions along the angle replace it.
     """
     if problem.motion.ranges.turns < 1.0:
         return fit

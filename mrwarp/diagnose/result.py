@@ -227,12 +227,18 @@ class Diagnosis:
 
     @property
     def dry_friction(self) -> Value | None:
-        """Torque at which a law in eq. 15's place slides, where no control input changes it: Coulomb friction."""
+        """Torque at which a law in eq. 15's place slides, where no control input changes it: Coulomb friction.
+
+        None also where it is not known to its own size, as of a joint of one speed: viscous friction does as well.
+        """
         none = not any(run.current.any() for run in self.recording.trajectories)
         if self.law is None or not self.law.other or self.model is None or not none:
             return None
         slides = self.model.parameters["K0"]  # per unit of h, whose bound is 1
-        return Value(value=slides.value, ci95=slides.ci95 or (-math.inf, math.inf), unit=self.baseline.unit)
+        low, high = slides.ci95 or (-math.inf, math.inf)
+        if not high - low < 2.0 * slides.value:
+            return None
+        return Value(value=slides.value, ci95=(low, high), unit=self.baseline.unit)
 
     def baseline_rmse(self, recording: Recording) -> float:
         """RMSE of the baseline on another recording of the device [its unit of torque]."""

@@ -90,13 +90,6 @@ def measured(value: float, unit: str, *, scaled: bool = True) -> str:
     )
 
 
-def measured_alike(values: Iterable[float], unit: str) -> list[str]:
-    """Numbers of one quantity with one readable unit, that of the largest."""
-    numbers = list(values)
-    factor, name = scale(max((abs(x) for x in numbers if math.isfinite(x)), default=0.0), unit)
-    return [f"{x * factor:.3g} {name}".strip() if math.isfinite(x) else "unknown" for x in numbers]
-
-
 def largest_of(values: Iterable[Value]) -> dict[str, float]:
     """Largest size of each unit among the numbers of a table, whose readable unit the others share."""
     largest: dict[str, float] = {}
@@ -104,6 +97,13 @@ def largest_of(values: Iterable[Value]) -> dict[str, float]:
         if math.isfinite(value.value):
             largest[value.unit] = max(largest.get(value.unit, 0.0), abs(value.value))
     return largest
+
+
+def largest_in_report(d: Diagnosis) -> dict[str, float]:
+    """Sizes that choose a report's units, one for each quantity; torques are in the unit of the pictures' axes."""
+    numbers = [v for c in d.causes for v in c.parameters.values()]
+    numbers += [next(iter(x.parameters.values())) for x in d.suspects if x.parameters]
+    return largest_of([*numbers, *d.parameter_shift, *d.detectable.values()]) | {d.recording.units["torque"]: 1.0}
 
 
 def shared_scale(value: float, unit: str, largest: Mapping[str, float] | None = None) -> tuple[float, str]:
@@ -201,7 +201,7 @@ def sentence_of(d: Diagnosis) -> str:
         shape = "is a simpler one" if d.law.simpler else "has another shape"
         parts.append(f"the hysteresis {shape}: {d.law.title}{errors}")
         if (dry := d.dry_friction) is not None:
-            shown = readable(dry)
+            shown = readable(dry, largest=largest_in_report(d))
             known = f" ({shown.interval})" if shown.interval else ""
             parts[-1] += f", in which the joint slides at {shown.value}{known} of Coulomb friction"
     if d.causes:

@@ -127,7 +127,7 @@ class Parameters:
     choices: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """Values of parameters that say how the data were logged, and of known bends, by (effect, name)."""
     form: bool = False
-    """Whether numbers that bend a law are searched; else they are as known, or null. Sizes of known lines always are."""
+    """Whether numbers that bend a law are searched; else they are as known, or null. Sizes of known lines are."""
     steepest: tuple[float, float, float] = STEEPEST
     """Upper bounds of the shape."""
 

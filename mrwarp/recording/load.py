@@ -80,8 +80,8 @@ _MIXED = (
     (2.0 * np.pi / 60.0, 1.23, "rpm", "qd"),
     (1.0 / (2.0 * np.pi), 1.23, "rev", "q"),
 )
-"""Ratio of dq/dt to qd where one of them is in another unit and the other in radians, the largest factor from it (of the
-last two half-way between them, in logarithms), that unit and its column."""
+"""Ratio of dq/dt to qd where one of them is in another unit and the other in radians, the largest factor from it (of
+the last two half-way between them, in logarithms), that unit and its column."""
 
 
 def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:

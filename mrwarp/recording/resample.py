@@ -35,8 +35,8 @@ _AGREE = 0.02
 from pairs of intervals, which bears any: a jitter of half an interval is rounded either way."""
 
 _CLOCK = -0.15
-"""Correlation of successive intervals (lag 1) below which a clock is behind them: -0.5 where stamps stray about a clock,
-for a late one makes its next interval short; 0, to within 2/sqrt(N), where each interval is on its own."""
+"""Correlation of successive intervals (lag 1) below which a clock is behind them: -0.5 where stamps stray about a
+clock, for a late one makes its next interval short; 0, to within 2/sqrt(N), where each interval is on its own."""
 
 _TYPICAL = 45.0
 """Percentile of the intervals where the logger's own is looked for: of two that are as common, the shorter."""

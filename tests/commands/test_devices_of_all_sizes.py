@@ -123,7 +123,9 @@ def with_models(entries: Command | Group, words: tuple[str, ...] = ()) -> Iterat
 
 
 @pytest.mark.parametrize(
-    ("words", "options"), with_models(Group("", COMMANDS)), ids=lambda x: " ".join(x) if isinstance(x, tuple) else ""
+    ("words", "options"),
+    list(with_models(Group("", COMMANDS))),
+    ids=lambda x: " ".join(x) if isinstance(x, tuple) else "",
 )
 def test_every_command_takes_a_stiff_device(words: tuple[str, ...], options: type, tmp_path: Path) -> None:
     """The reader of the option reads the file."""

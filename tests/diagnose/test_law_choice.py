@@ -1,6 +1,7 @@
 """The law is asked before effects: a foreign device gets its law, the paper's device keeps eq. 14."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.result import Diagnosis
+from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.sysid.settings import Law
 from tests.identify.test_law_fit import TRUTH, kwok_damper
@@ -84,4 +86,10 @@ def test_an_inertia_makes_no_other_law() -> None:
     dry = found.dry_friction
     assert dry is not None and dry.value == pytest.approx(0.7, rel=0.05) and dry.unit == "N·m"
     assert found.to_dict()["law"]["coulomb_friction"]["value"] == dry.value and "Coulomb friction" in found.sentence
+    # as of a joint of one speed, where viscous friction does as well: no number is given
+    assert found.model is not None
+    unknown = replace(found.model.parameters["K0"], ci95=(-40.0 * dry.value, 40.0 * dry.value))
+    without = replace(found, model=replace(found.model, parameters={**found.model.parameters, "K0": unknown}))
+    assert without.dry_friction is None and "slides at" not in sentence_of(without)
+    assert "coulomb_friction" not in without.to_dict()["law"]
     assert found.extended.nrmse < 0.2 and found.unexplained is None

@@ -9,7 +9,7 @@ import pytest
 
 from mrwarp.diagnose.held_out import Account, Share
 from mrwarp.diagnose.result import Tried, Unexplained, Value
-from mrwarp.diagnose.verdict_text import measured_alike, sentence_of
+from mrwarp.diagnose.verdict_text import sentence_of
 from tests.diagnose import made_up
 
 CONTRACT = {
@@ -81,9 +81,3 @@ def test_no_verdict_contradicts_itself() -> None:
     assert "in every run" in sentence_of(
         made_up.make("unexplained", account=dataclasses.replace(account, learnable=share(0.15)))
     )
-
-
-def test_one_quantity_has_one_unit() -> None:
-    """That of the largest number."""
-    assert measured_alike((0.7, 0.03), "N·m") == ["0.7 N·m", "0.03 N·m"]
-    assert measured_alike((0.07, 0.03), "N·m") == ["70 mN·m", "30 mN·m"]

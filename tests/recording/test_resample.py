@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mrwarp import cli
+from mrwarp.recording.description import describe, notes
 from mrwarp.recording.load import RecordingError, load_recording
 from mrwarp.recording.resample import even_pieces
 from tests.recording.recordings import columns, write
@@ -152,6 +153,9 @@ def test_a_device_without_control_input_needs_no_column(tmp_path: Path) -> None:
     recording = load_recording(path)
     assert not recording.trajectories[0].current.any()
     assert recording.units == {"q": "rad", "current": "none", "torque": "A"}
+    shown = "\n".join([*describe(recording), *notes(recording)])
+    assert "none: a device without a control input" in shown
+    assert not any(word in shown for word in ("coil", "levels", "same current", "current is constant"))
 
 
 def test_a_shaft_that_goes_round_is_no_angle_in_degrees(tmp_path: Path) -> None:
@@ -185,7 +189,11 @@ def test_two_typical_intervals_are_resampled(kinds: tuple[float, float], share: 
 def test_no_sample_is_lost_where_no_clock_is(kinds: tuple[float, ...] | None) -> None:
     """Three or four typical intervals, or any from 2 to 14 ms: as many samples as were taken, at their mean rate."""
     rng = np.random.default_rng(6)
-    step = rng.choice(kinds, 700, p=[0.4, *([0.6 / (len(kinds) - 1)] * (len(kinds) - 1))]) if kinds else rng.uniform(2e-3, 14e-3, 700)
+    step = (
+        rng.choice(kinds, 700, p=[0.4, *([0.6 / (len(kinds) - 1)] * (len(kinds) - 1))])
+        if kinds
+        else rng.uniform(2e-3, 14e-3, 700)
+    )
     t = np.concatenate([[0.0], np.cumsum(step)])
     (piece,), gaps = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": np.zeros(len(t))})
     assert not gaps and piece.filled == 0 and len(piece.columns["t"]) == len(t) and "lost" not in piece.text()

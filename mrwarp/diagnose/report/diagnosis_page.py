@@ -80,7 +80,7 @@ def _truly(content: Any, units: Mapping[str, str]) -> Any:
 
 def _content(d: Diagnosis) -> dict[str, Any]:
     """Everything that the template shows, as plain text."""
-    largest = _largest(d)
+    largest = text.largest_in_report(d)
     source = d.recording.source.name if d.recording.source else "recording"
     return {
         "verdict": d.verdict,
@@ -107,13 +107,6 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "seconds": f"Computed in {d.seconds:.1f} s",
         "seed": d.seed,
     }
-
-
-def _largest(d: Diagnosis) -> dict[str, float]:
-    """Sizes that choose the page's units, one for each quantity; torques are in the unit of the pictures' axes."""
-    numbers = [v for c in d.causes for v in c.parameters.values()]
-    numbers += [_first(x) for x in d.suspects if x.parameters]
-    return text.largest_of([*numbers, *d.parameter_shift, *d.detectable.values()]) | {d.recording.units["torque"]: 1.0}
 
 
 def _torque(value: float, d: Diagnosis) -> str:
@@ -169,11 +162,6 @@ def _parameter(name: str, value: Value, spec: EffectParameter | None, largest: M
     shown = text.readable(value, spec, largest)
     interval = shown.interval or ("set, not fitted" if spec is not None and spec.preset else "none")
     return label, shown.value, interval
-
-
-def _first(s: Suspect) -> Value:
-    """The number of a suspect that says how large it is."""
-    return next(iter(s.parameters.values()))
 
 
 def _suspect(s: Suspect, largest: Mapping[str, float]) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
     numbers = {f"{cause.name}.{name}": value for cause in d.causes for name, value in cause.parameters.items()}
     if d.law is not None and d.dry_friction is not None:
         numbers = {f"Coulomb friction ({d.law.title})": d.dry_friction, **numbers}
-    largest = text.largest_of(numbers.values())
+    largest = text.largest_in_report(d)
     rows = []
     for name, value in numbers.items():
         shown = text.readable(value, largest=largest)
@@ -38,8 +38,7 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
         if cause.alternatives:
             found.append(f"{cause.name}: these data do not distinguish it from {', '.join(cause.alternatives)}")
     if d.verdict is not None:
-        unit = d.baseline.unit
-        before, after = text.measured_alike((d.baseline.rmse, d.extended.rmse), unit)
+        before, after = (text.measured(e.rmse, e.unit, scaled=False) for e in (d.baseline, d.extended))
         errors = [("baseline", before, f"NRMSE {d.baseline.nrmse:.2%}")]
         if d.gain is not None:
             low, high = d.gain.ci95
@@ -78,8 +77,10 @@ def learned_table(found: Mapping[str, Any], unit: str) -> Table:
         f"RMSE without it, on {len(found['held_out'])} trajectories it was not trained on": found["physical"],
         "RMSE with it, on the same": found["with_learned"],
     }
-    sizes = iter(text.measured_alike((x for pair in pairs.values() for x in pair), unit))
-    rows = [(name, next(sizes), next(sizes), f"{100.0 * (b / a - 1.0):+.0f} %") for name, (a, b) in pairs.items()]
+    rows = [
+        (name, *(text.measured(x, unit, scaled=False) for x in (a, b)), f"{100.0 * (b / a - 1.0):+.0f} %")
+        for name, (a, b) in pairs.items()
+    ]
     return Table(head=("", "On the baseline", "On the extension", "Change"), rows=rows)
 
 

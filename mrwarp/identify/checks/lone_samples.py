@@ -29,9 +29,6 @@ typical one."""
 _CHANCE, _ONE_SIGN = 1e-3, 0.5
 """Chance of the far stretches having one sign so often along the motion, and share of their sum that one sign has over,
 below and above which they have a law."""
-_AROUND, _ALONE = 7, 0.5
-"""Samples whose median a sample at an event is compared with, and least part of it that must stand out of them: what an
-event leaves of a mechanism goes on in the next samples."""
 _BEFORE, _AFTER = 1, 4
 """Samples left out around each spike: noise is judged by what came just before."""
 
@@ -70,9 +67,12 @@ def _has_one_sign(along: np.ndarray, far: np.ndarray) -> bool:
 
 
 def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:
-    """Samples that stand out of their neighbours by most of their size, bool, shape (N,)."""
-    around = np.concatenate([median_filter(left[part], _AROUND) for part in samples.parts])
-    return np.abs(left - around) > _ALONE * np.abs(left)
+    """Samples more than twice as far off as the middle one of those around, bool, shape (N,).
+
+    What an event leaves of a mechanism goes on in the next samples.
+    """
+    around = np.concatenate([median_filter(left[part], 2 * _AFTER + 1) for part in samples.parts])
+    return np.abs(left - around) > np.abs(around)
 
 
 def _rate(far: np.ndarray, at: np.ndarray) -> float:
@@ -100,7 +100,7 @@ def beside_spikes(spikes: np.ndarray, samples: Dataset) -> np.ndarray:
 def _events(samples: Dataset) -> list[np.ndarray]:
     """Moments after a reversal, from the last sample that moves on, and after a step of the input; each shape (N,).
 
-    The sign is that of what the event does to the torque: of the new motion, or of the step along the motion. 0 elsewhere.
+    The sign is that of what the event does to the torque: of the new motion, or of the step along the motion; else 0.
     """
     turned, stepped = (np.zeros(len(samples.qd)) for _ in range(2))
     least = _MOVING * float(np.percentile(np.abs(samples.qd), 95))

@@ -136,7 +136,9 @@ def test_one_quantity_has_one_unit_in_a_table() -> None:
         for name in ("coulomb_friction", "stribeck")
     )
     printed = "\n".join(lines(dataclasses.replace(made_up.make(), causes=causes), {}))
-    assert "0.0200 N·m" in printed.replace("0.020 N·m", "0.0200 N·m") and " 20.0 mN·m" not in printed
+    assert "0.0200 N·m" in printed.replace("0.020 N·m", "0.0200 N·m") and "mN·m" not in printed
+    errors = made_up.make()
+    assert f"{errors.baseline.rmse:.3g} N·m" in printed and f"{errors.extended.rmse:.3g} N·m" in printed
     largest = text.largest_of([values["coil_lag"], Value(value=1200.0, ci95=(1e3, 2e3), unit="s")])
     assert text.readable(values["coil_lag"], largest=largest).value.endswith(" ms")
 

@@ -37,7 +37,7 @@ def test_a_few_samples_far_off_are_found(number: int) -> None:
 
 @pytest.mark.parametrize("at_reversals", [False, True])
 def test_spikes_are_found_among_what_a_mechanism_leaves(at_reversals: bool) -> None:
-    """After each reversal a mechanism leaves 0.6 N·m that fade over 40 ms: spikes anywhere, or at each reversal, stand out.
+    """After each reversal a mechanism leaves 0.6 N·m that fade over 40 ms: spikes anywhere, or there, stand out.
 
     They have either sign, which no mechanism has; those that were taken for the mechanism bent every fit.
     """
