@@ -63,7 +63,7 @@ def _has_one_sign(along: np.ndarray, far: np.ndarray) -> bool:
     count = int(stretches.max(initial=0))
     sums = np.bincount(stretches, weights=along, minlength=count + 1)[1:]
     one_sign = abs(float(sums.sum())) > _ONE_SIGN * float(np.abs(sums).sum())
-    return one_sign and binomtest(int((sums > 0.0).sum()), count).pvalue < _CHANCE
+    return one_sign and float(binomtest(int((sums > 0.0).sum()), count).pvalue) < _CHANCE
 
 
 def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:
