@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 _WITHIN = 1.001
 """Largest span, in periods, of readings that begin again after one: rounding may go a little beyond."""
@@ -47,4 +46,4 @@ def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[n
 
 def integrated(qd: np.ndarray, dt: float) -> np.ndarray:
     """Angle from a speed, by trapezoids, from 0; shape (N,)."""
-    return np.asarray(cumulative_trapezoid(qd, dx=dt, initial=0.0))
+    return np.concatenate([[0.0], np.cumsum(0.5 * dt * (qd[1:] + qd[:-1]))])

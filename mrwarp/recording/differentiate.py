@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
 
 HALF_WIDTH = 0.010
 """Half of the filter's window [s]; a longer one would smooth reversals, a shorter one pass on the encoder's steps."""
@@ -40,7 +41,7 @@ def differentiate(x: np.ndarray, dt: float, half: int | None = None) -> np.ndarr
     """
     moved = x - x[0]  # a large offset would eat digits of the slope
     half = half_samples(len(x), dt) if half is None else half
-    return np.asarray(savgol_filter(moved, 2 * half + 1, ORDER, deriv=1, delta=dt))
+    return _filtered(moved, local_cubics(half)[1]) / dt
 
 
 def quiet_half(x: np.ndarray, dt: float) -> int:
@@ -56,7 +57,7 @@ def quiet_half(x: np.ndarray, dt: float) -> int:
     noise = max(_noise(x, half), step)
     while half < WIDEST * first and 4 * half + 1 <= len(x) // 4:
         slopes = differentiate(x, dt, half)
-        weights = savgol_coeffs(2 * half + 1, ORDER, deriv=1, delta=dt)
+        weights = local_cubics(half)[1][half] / dt
         if noise * np.sqrt(weights @ weights) < _QUIET * np.sqrt(np.mean(slopes**2)):
             break
         if _noise(x, 2 * half) > _NOISE_ONLY * noise:
@@ -67,9 +68,29 @@ def quiet_half(x: np.ndarray, dt: float) -> int:
 
 def _noise(x: np.ndarray, half: int) -> float:
     """Standard deviation of the white noise of which a window would leave as much as it leaves of a signal."""
-    rest = x - savgol_filter(x - x[0], 2 * half + 1, ORDER) - x[0]
-    centre = float(savgol_coeffs(2 * half + 1, ORDER)[half])
+    values = local_cubics(half)[0]
+    rest = x - _filtered(x - x[0], values) - x[0]
+    centre = float(values[half, half])
     return float(np.sqrt(np.mean(rest**2) / max(1.0 - centre, 1e-6)))
+
+
+@lru_cache(maxsize=32)
+def local_cubics(half: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of a window's samples in its cubic's value and slope per sample at each place of it, (place, sample).
+
+    Those of :mod:`scipy.signal`, which takes half of the time of `mrwarp check` to load.
+    """
+    powers = np.vander(np.arange(-half, half + 1) / half, ORDER + 1, increasing=True)
+    fit = np.linalg.pinv(powers)
+    slopes = powers[:, :-1] * np.arange(1, ORDER + 1) / half
+    return powers @ fit, slopes @ fit[1:]
+
+
+def _filtered(x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Signal (N,) by the weights of a window's middle; what lies before the first one and after the last by theirs."""
+    size, half = len(weights), len(weights) // 2
+    inner = np.convolve(x, weights[half, ::-1], mode="valid")
+    return np.concatenate([weights[:half] @ x[:size], inner, weights[half + 1 :] @ x[-size:]])
 
 
 def half_samples(count: int, dt: float) -> int:
@@ -80,7 +101,7 @@ def half_samples(count: int, dt: float) -> int:
 def frequency_response(f: np.ndarray, dt: float, half: int | None = None) -> np.ndarray:
     """Gain of :func:`differentiate` over that of the ideal derivative at the frequencies ``f`` [Hz]; real: no phase."""
     m = half_samples(2**31, dt) if half is None else half
-    slope, k = savgol_coeffs(2 * m + 1, ORDER, deriv=1, use="dot"), np.arange(-m, m + 1)
+    slope, k = local_cubics(m)[1][m], np.arange(-m, m + 1)
     # the weights are odd in k, so only the sine part is left; sum(k*slope) = 1 is its limit at 0 Hz
     cycles = 2.0 * np.asarray(f, dtype=np.float64)[:, None] * dt * k
     return (np.sinc(cycles) * k * slope).sum(1)
