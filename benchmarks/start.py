@@ -36,7 +36,7 @@ class Start:
 STARTS = {
     "help": Start(words=("play", "--help"), limit=4.0),
     "refuse": Start(words=("impact", "--model", "result.json", "--out", "impact"), limit=20.0, code=2),
-    "check": Start(words=("check", "recordings"), limit=28.0),
+    "check": Start(words=("check", "recordings"), limit=18.0),
     "asset show": Start(words=("asset", "show"), limit=18.0),
     "robot show": Start(words=("robot", "show", "mr_go", "--png", "robot.png"), limit=34.0),
     "play": Start(words=("play", "--policy", str(DEFAULT_POLICY), "--png", "walk.png"), limit=108.0),

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.interpolate import CubicHermiteSpline
 from tensordict import TensorDict
 
 from mrwarp.enums import ZStep
@@ -371,4 +370,6 @@ def calf_motion(actor: Policy, name: str, *, seconds: float, dt: float, seed: in
     q, qd = np.array(states).transpose(1, 2, 0)
     t = np.arange(q.shape[1]) * step_dt
     fine = np.arange((len(t) - 1) * round(step_dt / dt)) * dt
+    from scipy.interpolate import CubicHermiteSpline  # `mrwarp play` does without
+
     return list(CubicHermiteSpline(t, q - DEFAULT_POSE["calf"], qd, axis=1)(fine))
