@@ -21,13 +21,16 @@ from mrwarp.runtime import text_table
 
 def effect_table(effects: Effects) -> str:
     """The effects with value, unit, law and argument, as text."""
-    head = f"{'effect':20s} {'value':>10s} {'unit':16s} law (s = smooth sign); why"
     rows = [
-        f"{spec.name:20s} {effects[spec.name]:10.4g} {spec.unit:16s} {spec.law}; {spec.why}"
-        + ("" if effects.acts(spec.name) else " (absent)")
+        (
+            spec.name,
+            f"{effects[spec.name]:.4g} {spec.unit}",
+            spec.law,
+            spec.why + ("" if effects.acts(spec.name) else " (absent)"),
+        )
         for spec in EFFECTS.values()
     ]
-    return "\n".join([head, *rows])
+    return "\n".join(text_table(("effect", "value", "law (s = smooth sign)", "why this value"), rows, left=4))
 
 
 def measure(data: BenchData, cfg: BenchCfg) -> dict[str, Any]:

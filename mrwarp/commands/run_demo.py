@@ -36,8 +36,8 @@ class Demo(Options):
             "four robots walk on brakes, one per coil current; kernels are compiled the first time, half a minute"
         )
         walk, loop = self.out / "walk.png", self.out / "loop.png"
-        words = ("--policy", str(DEFAULT_POLICY), "--png", str(walk), "--seconds", f"{SECONDS:g}")
-        play = Play(policy=str(DEFAULT_POLICY), png=walk, seconds=SECONDS)
+        words = ("--policy", str(DEFAULT_POLICY), "--png", str(walk), "--seconds", f"{SECONDS:g}", "--z-step", "exact")
+        play = Play(policy=str(DEFAULT_POLICY), png=walk, seconds=SECONDS)  # its plant has the exact step
         if code := play.run(CommandLine("mrwarp play", words)):
             return code
 

@@ -76,6 +76,12 @@ OUTPUTS = ("out", "rrd", "png", "runs", "library", "pictures")
 
 _POSITIONAL, _FIXED = get_args(Positional[int])[1], get_args(Fixed[int])[1]
 _NO_DEFAULT = re.compile(r"\s*\(default:\s+(None|False|)\)")
+_PLAIN_HELP = {
+    "Exactly one argument must be passed in. (required)": "Give one of these (required).",
+    "At most one argument can be overridden.": "Give one of these at most.",
+    " cfg.": " ",
+}
+"""What tyro writes above a group of options, and what is printed; the name of a field is no title."""
 
 
 class OptionError(ValueError):
@@ -205,7 +211,10 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str, default: Opti
             words = [word for word in words if word not in on]
             return tyro.cli(read, args=words, prog=prog, default=default)
     except SystemExit:
-        for text in _NO_DEFAULT.sub("", printed.getvalue()).splitlines():
+        shown = _NO_DEFAULT.sub("", printed.getvalue())
+        for tyros, plain in _PLAIN_HELP.items():
+            shown = shown.replace(tyros, plain)
+        for text in shown.splitlines():
             print(textwrap.fill(text, _width()) if len(text.rstrip()) > _width() else text.rstrip())
         raise
 

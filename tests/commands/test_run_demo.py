@@ -20,7 +20,9 @@ def test_it_ends_with_two_pictures_and_says_where_they_are(
     monkeypatch.chdir(tmp_path)
     assert main(["demo"]) == 0
     assert sorted(os.listdir("runs/demo")) == ["loop.png", "walk.png"]
-    said = capsys.readouterr().out
+    printed = capsys.readouterr()
+    said = printed.out
+    assert "warning" not in said + printed.err
     assert "runs/demo/walk.png" in said and "runs/demo/loop.png" in said
 
 
