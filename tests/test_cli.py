@@ -208,7 +208,7 @@ def test_every_option_is_explained(name: str, capsys: pytest.CaptureFixture) -> 
     assert cli.main([*name.split(), "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     for option in option_flags(options):
-        said = re.findall(rf" --{option}[ ,](.*?)(?= --[a-z]|$)", text)
+        said = re.findall(rf" --{option}[ ,](.*?)(?= --(?!no-)[a-z]|$)", text)
         assert any(re.search("[a-z]{2,},? [a-z(]|[a-z]{4}", own) for own in said), option
     for _, field, option in option_fields(options):
         if field.default not in (None, False, (), dataclasses.MISSING):
