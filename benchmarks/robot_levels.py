@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import Parameter, parameters_of
+from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.likelihood import Likelihood, fit, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_diagnosis import FIT_SECONDS

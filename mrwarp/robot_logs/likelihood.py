@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances, side_by_side

@@ -14,7 +14,10 @@ from threadpoolctl import threadpool_limits
 
 from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked, likely
 from mrwarp.diagnose.result import Error, Suspect, Unexplained, Value
-from mrwarp.robot_logs.causes import ORDINARY, OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
+from mrwarp.robot_logs.causes.of_ground import TORQUE_SCALE
+from mrwarp.robot_logs.causes.of_timing import OWN_DELAY
+from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
+from mrwarp.robot_logs.causes.robot_causes import ORDINARY, OUTSIDE
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import FirstLook, first_look, fitted, fitted_alone, likelier, searched, uneven

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import NUISANCE, ORDINARY, Parameter
+from mrwarp.robot_logs.causes.cause import NUISANCE
+from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood, fit, gather, left_by_each, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import cross_validated
 from mrwarp.robot_logs.selection import (
-    DRIVE,
     NAMED_ODDS,
     RIVAL_ODDS,
     Found,
@@ -103,8 +104,8 @@ def fitted(
             break
         free = wanted
         low, high = bounds_of(parameters)
-        idle = [k for k, p in enumerate(parameters) if p.field == "limit" and not any(k in d.members for d in wanted)]
-        low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
+        idle = [k for k, p in enumerate(parameters) if p.declared.sudden and not any(k in d.members for d in wanted)]
+        low[idle] = high[idle] = 0.0
 
         def refit(
             hypotheses: list[Hypothesis],
@@ -214,7 +215,7 @@ def fitted_alone(
 
 def uneven(d: Hypothesis, model: ReplayModel, parameters: list[Parameter]) -> bool:
     """Whether derivatives do not say a cause's size to the end: on feet of any, in the air of limits and delays."""
-    return model.free or parameters[d.members[0]].field in ("limit", "delay")
+    return model.free or parameters[d.members[0]].declared.uneven
 
 
 def searched(
@@ -326,7 +327,7 @@ def _initial_guess(
         best = max([0.0, *gains])
         taken = tried[gains.index(best)][:2] if best > 0.0 else None
         # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
-        margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and taken[1].cause == "link_mass" else 1.0)
+        margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and CATALOGUE[taken[1].cause].or_payload else 1.0)
         if not pick and payload and (weight := heavier(best + margin)) is not None:
             return weight, payload
         if taken is None or best < 2.0 * NAMED_ODDS:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import ORDINARY, Parameter
+from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.robot_causes import ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood, fit, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.selection import (
@@ -219,7 +220,7 @@ def _without(
     named = {k for f in found for k in f.hypothesis.members}
     for k, p in enumerate(parameters):
         if k not in named and p.cause not in ORDINARY and not p.is_nuisance:
-            most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
+            most = 0.0 if p.declared.sudden else 2.0 * p.spread
             low[k], high[k] = max(low[k], -most), min(high[k], most)
     return prior_of(parameters, [f.hypothesis for f in found]), low, high
 

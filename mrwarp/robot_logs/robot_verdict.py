@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from mrwarp.diagnose.result import Error, NextExperiment, Suspect, Unexplained, Value
-from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.windows import Windows
@@ -170,21 +171,13 @@ def in_page_unit(value: float, unit: str) -> tuple[float, str]:
 def cause_text(cause: NamedCause) -> str:
     """A cause with place and size, such as "RL_calf_joint: Coulomb friction +0.61 N·m"."""
     name, value = next(iter(cause.parameters.items()))
-    place = "" if cause.where == "robot" else f"{cause.where}: "
-    words = cause.name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck friction")
+    place, declared = "" if cause.where == "robot" else f"{cause.where}: ", CATALOGUE[cause.name]
     size, unit = in_page_unit(value.value, value.unit)
     unit = "" if unit == "1" else f" {unit}"
-    if cause.name == "coil_dead":
-        share = max(100.0 * value.value, 0.0)
-        text = f"{place}coil {'dead' if share < 10.0 else 'weak'}, {share:.0f} % of its current"
-    elif cause.name == "command_delay":
-        text = f"commands act {1e3 * value.value:.1f} ms late"
-    elif cause.name in ("trunk_mass", "link_mass"):
-        text = f"{place}{abs(value.value):.3g} kg {'heavier' if value.value > 0.0 else 'lighter'}"
-    elif cause.name == "trunk_com":
-        text = f"{place}centre of mass {1e3 * value.value:+.0f} mm along {name}"
+    if declared.says is not None:
+        text = f"{place}{declared.says(value.value, name)}"
     elif "factor" in cause.parameters:
-        text = f"{place}{words} {cause.parameters['factor'].value:.2f} times the description's"
+        text = f"{place}{declared.title} {cause.parameters['factor'].value:.2f} times the description's"
     else:
-        text = f"{place}{words} {size:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")
+        text = f"{place}{declared.title} {size:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")
     return text + (f" (or {', '.join(cause.alternatives)})" if cause.alternatives else "")

@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from mrwarp.robot_logs.causes import NUISANCE, ORDINARY, SAME, Parameter
+from mrwarp.robot_logs.causes.cause import NUISANCE
+from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood
 from mrwarp.sysid.elimination import eliminated
 from mrwarp.sysid.jackknife import jackknife, student
@@ -45,14 +47,6 @@ standard deviations from what is true in root mean square, for the replay repeat
 
 MOST = 8
 """Most causes in addition to :data:`mrwarp.robot_logs.causes.ORDINARY` that one log distinguishes."""
-
-
-SHARED = (
-    "kp", "kd", "motor_strength", "torque_limit", "velocity_lag", "stribeck", "coil_dead", "coil_lag",
-    "device_strength", "device_drag",
-)  # fmt: skip
-"""Causes that all joints may have at once, by one number of a configuration, one supply, one make of drive. Masses,
-lengths and zeros of encoders are each joint's own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +94,7 @@ def hypotheses_of(parameters: Sequence[Parameter]) -> list[Hypothesis]:
     for k, p in enumerate(parameters):
         by_cause.setdefault((p.cause, p.name), []).append(k)
     for (cause, _), members in by_cause.items():
-        if cause in SHARED and len(members) > 1:
+        if parameters[members[0]].declared.shared and len(members) > 1:
             found.append(Hypothesis(cause=cause, where="robot", members=tuple(members)))
     return found
 
@@ -110,8 +104,8 @@ def payload_of(parameters: Sequence[Parameter]) -> list[Hypothesis]:
 
     Where the weight sits near a hip, one number nearly says the same: a heavier hip.
     """
-    own = [d for d in hypotheses_of(parameters) if d.cause in ("trunk_mass", "trunk_com")]
-    return [d for d in own if parameters[d.members[0]].name in ("mass", "x", "y")]
+    singles = (Hypothesis(cause=p.cause, where=p.where, members=(k,)) for k, p in enumerate(parameters))
+    return [d for d in singles if (p := parameters[d.members[0]]).name in p.declared.payload]
 
 
 def healthy(parameters: Sequence[Parameter]) -> np.ndarray:
@@ -158,7 +152,7 @@ def prior_of(parameters: Sequence[Parameter], free: Sequence[Hypothesis]) -> np.
 def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest change of each number that a robot can have, shapes (P,): a coil can be without current."""
     return (
-        np.array([max(p.lowest, -1.0 if p.field == "coil" else -0.95) if p.relative else p.lowest for p in parameters]),
+        np.array([max(p.lowest, p.declared.least_share - 1.0) if p.relative else p.lowest for p in parameters]),
         np.array([p.highest for p in parameters]),
     )
 
@@ -381,7 +375,7 @@ def _payload(
 ) -> list[Found]:
     """A weight on the trunk in place of a link's mass, where it makes the log likelier; empty where it does not."""
     parts = payload_of(parameters)
-    if best.cause != "link_mass" or not parts or any(d in free for d in parts):
+    if not CATALOGUE[best.cause].or_payload or not parts or any(d in free for d in parts):
         return []
     if _log_marginal([*free, *parts], likelihood, parameters) < _log_marginal([*free, best], likelihood, parameters):
         return []
@@ -402,11 +396,6 @@ def _possible(size: np.ndarray, hypotheses: Sequence[Hypothesis], parameters: Se
             p, change = parameters[m], size[k] * abs(parameters[m].step)
             found[k] &= p.lowest <= change <= p.highest
     return found
-
-
-DRIVE = ("kp", "kd", "motor_strength")
-"""A drive's torque is a line in Kp and Kd: a factor on all of it is both, so no more than two of the three are
-named."""
 
 
 def _spanned(hypothesis: Hypothesis, free: Sequence[Hypothesis]) -> bool:
@@ -438,6 +427,6 @@ def _described_wrong(
             and z**2 * likelihood.scale >= LEAST_SHARE * likelihood.samples
         ):
             own = Hypothesis(cause=p.cause, where=p.where, members=(k,))
-            same = [d for d in hypotheses_of(parameters) if d.cause == SAME.get(p.cause) and d.where == p.where]
+            same = [d for d in hypotheses_of(parameters) if d.cause == p.declared.looks_like and d.where == p.where]
             found.append(Found(hypothesis=own, z=float(z), alternatives=tuple(same) if beyond > 0.0 else ()))
     return sorted(found, key=lambda f: -abs(f.z))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import FLOOR, Parameter
+from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.likelihood import Likelihood, left_by_each
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.selection import Hypothesis
@@ -12,13 +12,6 @@ from mrwarp.robot_logs.windows import Windows
 
 SCREENED, KEPT = 3, 8
 """Every change that is tried is replayed along one window of so many, by long steps; so many of the best along all."""
-
-FLOORS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0)
-"""Changes of the floor that are tried next to them, in those of a fault: feet that hardly slip or sink say nothing, by
-derivatives, of how others would."""
-
-FEET = (0.25, 1.0, 4.0)
-"""Changes of each foot."""
 
 LIMITED = 2
 """Drives whose limit is tried next to them, at the most that they gave: those that gave least of what was asked of
@@ -31,10 +24,8 @@ def sizes_of_their_own(
     """Sizes, in steps, of hypotheses that derivatives do not see: the floor, single feet, limits; by their place."""
     own = {}
     for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(hypotheses) if len(d.members) == 1):
-        if p.cause in FLOOR:
-            own[k] = [times * p.fault / abs(p.step) for times in FLOORS]
-        elif p.field == "foot":
-            own[k] = [times * p.fault / abs(p.step) for times in FEET]
+        if tried := p.declared.tried:
+            own[k] = [times * p.fault / abs(p.step) for times in tried]
         elif p.field == "limit" and p.index in (short := _short_of_torque(model, groups)):
             own[k] = [short[p.index] / abs(p.step)]
     return own

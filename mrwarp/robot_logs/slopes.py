@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances, side_by_side
 from mrwarp.robot_logs.windows import Windows
@@ -19,11 +19,8 @@ START_SPREAD = 1.0
 DERIVATIVE_STEP = 0.0051
 """Longest physics step of the replays from which derivatives are taken [s]; mismatches are those of the fine step."""
 
-CENTRAL = ("kp", "kd", "strength", "scale", "mass", "armature")
-"""Fields with central derivatives: a factor on all torques and masses changes nothing, but their curvature would."""
-
 CENTRAL_SHARE = 0.1
-"""Their steps, in the parameters' own."""
+"""Steps of central derivatives, in the parameters' own."""
 
 AT_ONCE = 3200
 """Windows times robots that are replayed before their readings are put by."""
@@ -120,8 +117,8 @@ def slopes_of(
     replay = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
     steps, count, drawn = nuisances(model), windows.count, {} if model.free else _sums(windows, parameters)
     own = [k for k in range(len(parameters)) if k not in drawn]
-    central = [i for i, k in enumerate(own) if parameters[k].field in CENTRAL]
-    width = np.array([(CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step for p in parameters])
+    central = [i for i, k in enumerate(own) if parameters[k].declared.central]
+    width = np.array([(CENTRAL_SHARE if p.declared.central else 1.0) * p.step for p in parameters])
     ahead, total = np.diag(width)[own], len(own)
     changes = np.concatenate([ahead, -ahead[central], np.zeros((len(steps), len(parameters)))])
     starts = np.concatenate([np.zeros((total + len(central), len(steps))), np.diag(steps)])

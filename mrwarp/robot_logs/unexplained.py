@@ -13,7 +13,7 @@ from itertools import groupby
 import numpy as np
 
 from mrwarp.diagnose.result import Unexplained
-from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.likelihood import Likelihood
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
@@ -141,7 +141,7 @@ def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside 
 
 
 def steady(hypothesis: Hypothesis, value: float, share: float, log: RobotLog, parameters: list[Parameter]) -> Outside:
-    """Effects outside the catalogue that act all the time, see :data:`mrwarp.robot_logs.causes.OUTSIDE`.
+    """Effects outside the catalogue that act all the time, see :data:`mrwarp.robot_logs.causes.robot_causes.OUTSIDE`.
 
     Args:
         hypothesis: What was found.
@@ -151,9 +151,8 @@ def steady(hypothesis: Hypothesis, value: float, share: float, log: RobotLog, pa
         parameters: All of them.
     """
     p = parameters[hypothesis.members[0]]
-    what = f"a force on {p.where} of {value:+.3g} N along {p.name}, all the time"
-    if p.field == "foot":
-        what = f"the foot of {p.where} meets {value:.2g} times the stiffness that the others do"
+    assert p.declared.says is not None
+    what = f"{p.declared.outside} {p.where} {p.declared.says(value, p.name)}"
     when = tuple((run.id, float(run.t[0]), float(run.t[-1])) for run in log.runs)
     return Outside(depends_on=("place",), form=what, share=share, where=p.where, when=when, peak=(value,))
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from mrwarp.diagnose.result import NextExperiment
-from mrwarp.robot_logs.causes import TORQUE_SCALE, Parameter
+from mrwarp.robot_logs.causes.cause import Shown
+from mrwarp.robot_logs.causes.of_ground import TORQUE_SCALE
+from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE
 from mrwarp.robot_logs.likelihood import Likelihood, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
@@ -16,80 +18,24 @@ from mrwarp.robot_logs.robot_verdict import NamedCause
 from mrwarp.robot_logs.selection import NAMED_ODDS, Hypothesis, Posterior, bounds_of
 from mrwarp.robot_logs.windows import Windows, foot_slipped
 
-GROUND = (
-    "trunk_mass", "trunk_com", "link_length", "ground_friction", "ground_slope", "ground_stiffness", "imu_tilt",
-    "gyro_bias",
-)  # fmt: skip
-"""Causes that speak through feet, ground or a moving trunk."""
-
-COIL = ("coil", "coil_lag", "device")
-"""Fields that do nothing while no current is asked for: a lag that lets measured noise die away would seem to."""
+GROUND = tuple(
+    name for through in ("trunk", "ground", "imu") for name, cause in CATALOGUE.items() if cause.through == through
+)
+"""Causes that speak through a moving trunk, ground or an inertial unit."""
 
 LIKE_MASSES = f"up to some {200 * TORQUE_SCALE:.0f} % it would have looked like other masses of all links"
 """Why a robot in the air does not show the torque of all its drives."""
 
 
-class Shown(NamedTuple):
-    """A motion that shows a cause."""
-
-    how: str
-    """In words."""
-    record: dict[str, float]
-    """The motion for ``mrwarp log record``: its motions and how long each lasts [s]."""
-
-    @property
-    def seconds(self) -> float:
-        """How long it lasts."""
-        return sum(self.record.values())
-
-    @property
-    def what(self) -> str:
-        """In words, with its length."""
-        return f"{self.how}, {self.seconds:.0f} s"
-
-
-MOTIONS = {
-    "trunk_mass": Shown("walk on level ground, with the motors' torque in the log", {"walk": 20.0}),
-    "trunk_com": Shown("stand and lean to all sides on level ground", {"stand": 5.0, "lean": 15.0}),
-    "link_mass": Shown("swing the link slowly through its range with the trunk fixed", {"slow": 20.0}),
-    "link_length": Shown("walk on level ground", {"walk": 20.0}),
-    "rotor_inertia": Shown("move the joint to and fro at 3 to 8 Hz with the trunk fixed", {"chirp": 15.0}),
-    "coulomb_friction": Shown("turn the joint slowly through its range and back", {"slow": 10.0}),
-    "viscous_friction": Shown("turn the joint at several speeds", {"chirp": 15.0}),
-    "stribeck": Shown("turn the joint at 0.02 to 0.5 rad/s", {"slow": 20.0}),
-    "motor_strength": Shown("bear the trunk's weight in a walk", {"walk": 20.0}),
-    "torque_limit": Shown("ask the joint for more torque than it can give, as a walk may", {"walk": 20.0}),
-    "kp": Shown("bear the trunk's weight in a walk", {"walk": 20.0}),
-    "kd": Shown("step the target by 0.1 rad, with the measured torque in the log", {"steps": 10.0}),
-    "command_delay": Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
-    "velocity_lag": Shown("move the joint at 3 to 8 Hz and log its velocity", {"chirp": 15.0}),
-    "encoder_offset": Shown("walk on level ground", {"walk": 20.0}),
-    "imu_tilt": Shown("walk and turn on a level floor", {"walk": 20.0}),
-    "gyro_bias": Shown("walk and turn on a level floor", {"walk": 20.0}),
-    "ground_friction": Shown("walk or push off so hard that a foot slips", {"walk": 20.0}),
-    "ground_slope": Shown("walk and turn on that ground", {"walk": 20.0}),
-    "ground_stiffness": Shown("walk, or land from small jumps", {"walk": 20.0}),
-    "coil_dead": Shown("walk with the devices switched on", {"walk": 10.0}),
-    "coil_lag": Shown("walk with the devices switched on and the coils' current in the log", {"walk": 10.0}),
-    "device_strength": Shown("walk with the devices switched on", {"walk": 20.0}),
-    "device_drag": Shown("turn the joint slowly with the device and then without it", {"slow": 10.0}),
-}
-"""Motion that shows a cause; on the ground mostly a walk, for windows of a robot at rest repeat each other."""
+MOTIONS = {name: cause.shown for name, cause in CATALOGUE.items() if cause.shown is not None}
+"""Motion that shows a cause."""
 
 ARM_MOTIONS = MOTIONS | {
-    "link_mass": Shown("swing the link slowly through its range", {"slow": 20.0}),
-    "rotor_inertia": Shown("move the joint to and fro at 3 to 8 Hz", {"chirp": 15.0}),
-    "motor_strength": Shown("swing the links slowly with a known weight at the end", {"slow": 20.0}),
-    "torque_limit": Shown("step the targets so far that the joint cannot give the torque", {"steps": 10.0}),
-    "kp": Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
-    "encoder_offset": Shown("turn the joint slowly to a stop of known angle and back", {"slow": 10.0}),
-    "coil_dead": Shown("turn the joint at several speeds with the devices switched on", {"chirp": 15.0}),
-    "coil_lag": Shown("sweep the joint with changing currents of the devices, and log them", {"chirp": 15.0}),
-    "device_strength": Shown("turn the joint at several speeds with the devices switched on", {"chirp": 15.0}),
+    name: cause.shown_by_arm for name, cause in CATALOGUE.items() if cause.shown_by_arm is not None
 }
 """Motions of a robot that cannot walk, as an arm on a table."""
 
-OF_A_BASE = ("trunk_mass", "trunk_com", "link_length")
+OF_A_BASE = tuple(name for name in GROUND if CATALOGUE[name].through == "trunk")
 """Those of :data:`GROUND` that such a robot has, too: it has no feet, and no inertial sensor moves with it."""
 
 NOT_LOOKED_FOR = {
@@ -205,7 +151,7 @@ def _unseen(
             continue
         information = 1.0 / now.covariance[k, k] - now.precision[k, k]
         sure = k in spoken_of or (
-            (p.field not in COIL or asked[p.index])
+            (not p.declared.needs_current or asked[p.index])
             and information > 0.0
             and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
         )

@@ -13,7 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mrwarp.enums import BackendKind
-from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.causes.cause import Replayed
+from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.places import PLACES
+from mrwarp.robot_logs.causes.robot_causes import ACTING
 from mrwarp.robot_logs.replay_engine import ReplayEngine
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
 from mrwarp.robot_logs.windows import Windows, product, quaternion, turn_between, turned
@@ -33,15 +36,10 @@ FEW_PER_CORE = 50
 
 T = TypeVar("T")
 
-_COLUMNS = {
-    "delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "give": 1, "clock": 2, "pull": 2,
-    "scale": 1,
-}  # fmt: skip
-
 
 @dataclass
 class ParameterBatch:
-    """Changes to the robot, for E environments; see :data:`mrwarp.robot_logs.causes.Field`."""
+    """Changes to the robot, for E environments; see :mod:`mrwarp.robot_logs.causes`."""
 
     fields: dict[str, np.ndarray]
     """By name, shape (E, columns)."""
@@ -49,9 +47,7 @@ class ParameterBatch:
     @classmethod
     def of(cls, parameters: list[Parameter], theta: np.ndarray, model: ReplayModel) -> ParameterBatch:
         """Of values of the parameters, shape (E, P)."""
-        count, joints, bodies = len(theta), len(model.joints), model.model.nbody
-        sizes = _COLUMNS | {"mass": bodies, "length": bodies, "foot": len(model.feet)}
-        fields = {p.field: np.zeros((count, sizes.get(p.field, joints))) for p in parameters}
+        fields = {p.field: np.zeros((len(theta), PLACES[p.declared.place].columns(model))) for p in parameters}
         for k, p in enumerate(parameters):
             fields[p.field][:, p.index] += theta[:, k]
         return cls(fields)
@@ -187,19 +183,20 @@ class _Stepper:
         rotor = mj.dof_armature[m.v_adr] + field("armature") - late_damping - latency * strength * windows.kd[w] * kd
         self._set("dof_armature", ids, m.v_adr, np.maximum(rotor, 1e-5))
         engine.of_model("actuator_gainprm")[:count, :, 0] = strength
-        engine.of_model("actuator_forcerange")[:count] = self._limits(w, field("limit"))
         self._bodies(field("mass", mj.nbody), field("length", mj.nbody), field("com", 3), ids)
         slope = field("slope", 2)
         if m.free:
-            self._ground(field("mu", 1), field("give", 1), field("foot", len(m.feet)), ids)
+            self._ground(field("give", 1), field("foot", len(m.feet)), ids)
             engine.of_model("opt.gravity")[:count] = _rotation(slope).inv().apply(mj.opt.gravity)
         else:
             self._lean(slope, ids)
-        outer = engine.state("qfrc_applied")
-        outer[:count] = field("push", mj.nv)
-        if m.free:
-            root = int(mj.jnt_dofadr[mj.body_jntadr[m.trunk]])
-            outer[:count, root : root + 2] += field("pull", 2)
+        engine.state("qfrc_applied")[:count] = field("push", mj.nv)
+        replayed = Replayed(
+            robot=m, model=lambda name: engine.of_model(name)[:count], state=lambda name: engine.state(name)[:count]
+        )
+        for cause in ACTING:
+            assert cause.acts is not None
+            cause.acts(replayed, field(cause.field, PLACES[cause.place].columns(m)))
         lag, coil_lag = np.maximum(field("lag"), 0.0), m.devices.of_joints("coil_time_constant", joints)
         engine.window[:count] = w
         # commands reach no further than those that were cut out around the window
@@ -223,12 +220,6 @@ class _Stepper:
         with np.errstate(all="ignore"):
             pos, vel, torque = engine.run(count)
             yield from self._read(w, pos, vel, torque, field)
-
-    def _limits(self, w: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Range of each drive's torque, shape (E, J, 2): a lower limit counts from the most that was asked for."""
-        low, high = self.mj.actuator_forcerange[:, 0], self.mj.actuator_forcerange[:, 1]
-        own = np.where(change < 0.0, self.model.asked * (1.0 + change), np.inf)
-        return np.stack([np.maximum(low, -own), np.minimum(high, own)], axis=-1)
 
     def _set(self, name: str, ids: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
         self.engine.of_model(name)[np.ix_(ids, columns)] = values
@@ -263,11 +254,8 @@ class _Stepper:
             pos[: len(ids), body] = lean.apply(self.mj.body_pos[body])
             quat[: len(ids), body] = np.roll((lean * own).as_quat(), 1, axis=-1)
 
-    def _ground(self, mu: np.ndarray, give: np.ndarray, foot: np.ndarray, ids: np.ndarray) -> None:
-        """Friction of every contact, and how much it gives; also how much each foot gives."""
-        friction = self.engine.of_model("geom_friction")
-        friction[: len(ids)] = self.mj.geom_friction
-        friction[: len(ids), :, 0] *= np.maximum(1.0 + mu, 0.02)
+    def _ground(self, give: np.ndarray, foot: np.ndarray, ids: np.ndarray) -> None:
+        """How much every contact gives, and each foot."""
         solref = self.engine.of_model("geom_solref")
         solref[: len(ids)] = self.mj.geom_solref
         solref[: len(ids), :, 0] = np.where(

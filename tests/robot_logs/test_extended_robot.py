@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mrwarp.env.sim_model import build_scene
-from mrwarp.robot_logs.causes import parameters_of
+from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.extended_robot import write_extended
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_log import load_log

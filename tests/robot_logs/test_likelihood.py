@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.robot_logs.causes import parameters_of
+from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.likelihood import gather, left_by_each, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import load_log

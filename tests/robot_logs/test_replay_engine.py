@@ -9,7 +9,7 @@ import pytest
 from mrwarp.enums import BackendKind
 from mrwarp.rl.policy import DEFAULT_POLICY
 from mrwarp.robot_logs import window_replay
-from mrwarp.robot_logs.causes import parameters_of
+from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import RobotLog, load_log
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record

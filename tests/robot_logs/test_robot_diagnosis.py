@@ -17,7 +17,7 @@ from mrwarp.cli import main
 from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
-from mrwarp.robot_logs.causes import Parameter, parameters_of
+from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.likelihood import Likelihood, Slopes, _currents_alone, gather, replayed
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log

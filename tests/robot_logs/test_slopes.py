@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mrwarp.robot_logs import slopes
-from mrwarp.robot_logs.causes import parameters_of
+from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of

@@ -9,7 +9,7 @@ import pytest
 
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import unknowable
-from mrwarp.robot_logs.causes import Field, Parameter
+from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.selection import Hypothesis
@@ -39,7 +39,7 @@ def test_a_proposed_motion_can_be_recorded(cause: str, motions: dict[str, Shown]
         assert set(record) <= set(AIR) and "walk" not in motions[cause].how and "trunk" not in motions[cause].how
 
 
-def _gain(name: str, where: str, index: int, *, field: Field = "kp") -> Parameter:
+def _gain(name: str, where: str, index: int, *, field: str = "kp") -> Parameter:
     return Parameter(
         cause=name,
         where=where,

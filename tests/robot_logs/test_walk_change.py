@@ -8,7 +8,7 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.diagnose.result import Error
 from mrwarp.rl.policy import DEFAULT_POLICY
-from mrwarp.robot_logs.causes import parameters_of
+from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.report.walk_change import HEAD, walk_change
 from mrwarp.robot_logs.robot_log import load_log

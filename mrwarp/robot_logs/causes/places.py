@@ -1,0 +1,143 @@
+"""Places of a robot where a cause can be, and what is known of each: the sizes of causes follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.robot_log import RobotLog
+
+Kind = Literal["joint", "commands", "imu", "body", "trunk", "trunk_axis", "lean", "gyro", "robot", "foot", "pull"]
+"""Kinds of places, see :data:`PLACES`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """One place of a robot in its log."""
+
+    model: ReplayModel
+    log: RobotLog
+    where: str
+    """Its name in a result."""
+    index: int
+    """Column of the field that holds its change."""
+    axis: str = ""
+    """Name of the number, of a place with several; else empty."""
+
+    @property
+    def dof(self) -> int:
+        """Address of the joint ``index`` among MuJoCo's degrees of freedom."""
+        return int(self.model.v_adr[self.index])
+
+    @cached_property
+    def torque(self) -> float:
+        """Torque that the drive of joint ``index`` gives at most, or at 0.6 rad of error [N·m]."""
+        return torque_scale(self.model, self.log, self.index)
+
+    @cached_property
+    def inertia(self) -> float:
+        """Inertia that the joint ``index`` moves [kg·m²]."""
+        mj, v = self.model.model, self.dof
+        return float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
+
+    @property
+    def device(self) -> bool:
+        """Whether the joint ``index`` has a magnetorheological device."""
+        return self.index in self.model.devices.joint
+
+    @property
+    def mass(self) -> float:
+        """Mass of the body ``index`` [kg]."""
+        return float(self.model.model.body_mass[self.index])
+
+    @property
+    def reach(self) -> float:
+        """Distance from the joint of the body ``index`` to the furthest of what hangs on it [m]."""
+        return float(self.model.reach[self.index])
+
+    @property
+    def total(self) -> float:
+        """Mass of the robot [kg]."""
+        return float(self.model.model.body_mass.sum())
+
+    @property
+    def row(self) -> float:
+        """Time between rows of the log [s]."""
+        return float(np.median([run.dt for run in self.log.runs]))
+
+    @cached_property
+    def hidden_mass(self) -> float:
+        """Mass of the body ``index`` that makes less torque than the least friction: drives hide it [kg]."""
+        mj, body = self.model.model, self.index
+        joint = driver(self.model, body)
+        arm = max(float(np.linalg.norm(mj.body_ipos[body])), 0.3 * self.reach, 0.02)
+        return 0.005 * torque_scale(self.model, self.log, joint) / (9.81 * arm) if joint is not None else 0.0
+
+
+class Places(NamedTuple):
+    """Places of one kind."""
+
+    of: Callable[[ReplayModel], list[tuple[str, int, str]]]
+    """Name, column and axis of each place of a robot."""
+    columns: Callable[[ReplayModel], int]
+    """Columns of a field that is changed there."""
+
+
+def _axes(axes: str, where: Callable[[ReplayModel], str]) -> Places:
+    """One place by axis."""
+    names = axes.split()
+    return Places(lambda m: [(where(m), k, axis) for k, axis in enumerate(names)], lambda _: len(names))
+
+
+def _robot(_: ReplayModel) -> str:
+    return "robot"
+
+
+def _trunk(m: ReplayModel) -> str:
+    return m.body_name(m.trunk)
+
+
+PLACES: dict[Kind, Places] = {
+    "joint": Places(lambda m: [(name, j, "") for j, name in enumerate(m.joints)], lambda m: len(m.joints)),
+    "commands": Places(lambda _: [("robot", 0, "")], lambda _: 1),
+    "imu": Places(lambda _: [("imu", 1, "")], lambda _: 2),
+    "body": Places(lambda m: [(m.body_name(b), b, "") for b in m.moving if b != m.trunk], lambda m: m.model.nbody),
+    "trunk": Places(lambda m: [(_trunk(m), m.trunk, "")], lambda m: m.model.nbody),
+    "trunk_axis": _axes("x y z", _trunk),
+    "lean": _axes("roll pitch", _robot),
+    "gyro": _axes("x y z", _robot),
+    "robot": Places(lambda _: [("robot", 0, "")], lambda _: 1),
+    "foot": Places(
+        lambda m: [(m.body_name(int(m.model.geom_bodyid[foot])), k, "") for k, foot in enumerate(m.feet)],
+        lambda m: len(m.feet),
+    ),
+    "pull": _axes("x y", _trunk),
+}
+"""Kinds of places, in the order of the parameters. At each place its causes follow each other as in the catalogue."""
+
+
+def driver(model: ReplayModel, body: int) -> int | None:
+    """The log's joint that moves a body, or None."""
+    first, count = int(model.model.body_jntadr[body]), int(model.model.body_jntnum[body])
+    own = {int(model.model.jnt_dofadr[first + k]) for k in range(count)}
+    return next((j for j, v in enumerate(model.v_adr.tolist()) if v in own), None)
+
+
+def torque_scale(model: ReplayModel, log: RobotLog, j: int) -> float:
+    """Torque that the joint's drive gives at most, or at 0.6 rad of error [N·m]."""
+    if model.limited[j]:
+        return float(model.model.actuator_forcerange[j, 1])
+    if log.kp[j] > 0.0:
+        return 0.6 * float(log.kp[j])
+    found = [
+        np.nanquantile(np.abs(run.joint[c][:, j]), 0.99)
+        for run in log.runs
+        for c in ("tau_ff", "tau")
+        if c in run.joint
+    ]
+    return float(np.nanmax(found)) if found else 10.0
