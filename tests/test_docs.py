@@ -12,7 +12,12 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("
 ROOMS = "mrwarp|tests|benchmarks|docs|assets|policies|models|train|viz"
 PATH = re.compile(rf"(?<![\w./-])((?:{ROOMS})/[\w./-]*[\w/])(?![\w/]*[*{{])")
 NAME = re.compile(r"\bmrwarp(?:\.[A-Za-z_]\w*)+")
-MADE = {"mrwarp/effects/end_stop.py", "mrwarp/effects/laws/soft_sign.py", "assets/usd/mr_go_extended.usda"}
+MADE = {
+    "mrwarp/effects/end_stop.py",
+    "mrwarp/effects/laws/soft_sign.py",
+    "mrwarp/robot_logs/causes/joint_spring.py",
+    "assets/usd/mr_go_extended.usda",
+}
 """Files that a page asks its reader to make."""
 
 

@@ -57,6 +57,67 @@ except SystemExit:
 """
 
 
+CAUSE = """
+import tempfile
+from pathlib import Path
+import mujoco
+import numpy as np
+from mrwarp.robot_logs.causes.parameter import parameters_of
+from mrwarp.robot_logs.extended_robot import write_extended
+from mrwarp.robot_logs.replay_model import replay_model
+from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.unknowable import ARM_MOTIONS
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
+from mrwarp.robot_logs.windows import cut_windows
+from tests.robot_logs.arm_log import arm_log
+from types import SimpleNamespace
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING
+folder = Path(tempfile.mkdtemp())
+log = load_log(arm_log(folder / "log", seconds=2.0))
+model = replay_model(folder / "log" / "arm.xml", log)
+parameters = parameters_of(model, log)
+k = next(k for k, p in enumerate(parameters) if (p.cause, p.where) == ("joint_spring", "elbow"))
+assert (parameters[k].name, parameters[k].unit, "joint_spring" in ARM_MOTIONS) == ("stiffness", "N·m/rad", True)
+theta = np.zeros(len(parameters))
+theta[k] = 3.0
+d = SimpleNamespace(parameters=parameters, theta=theta, model=model, log=log, session={})
+assert write_extended(d, folder) == (["robot.xml", "model.json"], [])
+written = replay_model(folder / "robot.xml", log)
+assert written.model.joint("elbow").stiffness[0] == 3.0 and written.model.joint("shoulder").stiffness[0] == 0.0
+
+def replayed(robot, theta):
+    (windows,) = cut_windows(robot, log)
+    start = np.zeros((windows.count, len(nuisances(robot))))
+    batch = ParameterBatch.of(parameters, np.tile(theta, (windows.count, 1)), robot)
+    return Replay(robot, windows).run(batch, np.arange(windows.count), start)["q"]
+
+changed = replayed(model, theta)
+assert np.abs(changed - replayed(model, 0.0 * theta)).max() > 0.01
+np.testing.assert_allclose(changed, replayed(written, 0.0 * theta), rtol=0, atol=1e-6)
+"""
+
+NAMED = """
+import tempfile
+from pathlib import Path
+from mrwarp.robot_logs.robot_diagnosis import diagnose_log
+from mrwarp.robot_logs.robot_log import load_log
+from tests.robot_logs.arm_log import arm_log
+
+def spring(model):
+    model.jnt_stiffness[model.joint("elbow").id] = 1.5
+
+folder = arm_log(Path(tempfile.mkdtemp()), seconds=6.0, change=spring)
+d = diagnose_log(folder / "arm.xml", load_log(folder))
+(cause,) = d.causes
+assert (cause.name, cause.where) == ("joint_spring", "elbow"), d.sentence
+low, high = cause.parameters["stiffness"].ci95
+assert low < 1.5 < high < low + 0.5, (low, high)
+assert d.sentence.startswith("elbow: spring +1."), d.sentence
+"""
+
+
 @pytest.fixture(scope="module")
 def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the package with all that the page adds, next to what it takes from a checkout."""
@@ -65,7 +126,7 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("assets", "models", "policies", "tests"):
         (root / name).symlink_to(ROOT / name)
     steps = STEP.findall((ROOT / "docs" / "extend.md").read_text(encoding="utf-8"))
-    assert [bool(after) for _, after, _ in steps] == [False, True, False, True, True]
+    assert [bool(after) for _, after, _ in steps] == [False, True, False, True, True, False, True]
     for name, after, text in steps:
         path = root / name
         assert path.is_file() == bool(after), name
@@ -99,3 +160,14 @@ def test_an_effect_and_a_law_act_in_the_kernels_are_searched_and_stored(extended
 def test_a_reward_term_is_an_option_of_train_and_a_law_one_of_fit(extended: Path) -> None:
     """The composed kernel gives the term's value; the command lines know both names."""
     assert "soft_sign" in run(extended, REWARD_AND_OPTION)
+
+
+def test_a_cause_of_a_robot_is_replayed_and_written(extended: Path) -> None:
+    """One file and one line: the change acts as that of the extended robot's file does, and an arm's advice has it."""
+    run(extended, CAUSE)
+
+
+@pytest.mark.slow
+def test_a_cause_of_a_robot_is_named(extended: Path) -> None:
+    """The diagnosis finds what the page adds, with no other line of the method."""
+    run(extended, NAMED)

@@ -1,4 +1,4 @@
-"""What a cause of a robot declares: its sizes at each place, what it looks like, when a log shows it, where it goes."""
+"""Declaration of a robot's cause: sizes at each place, look-alikes, the motion that shows it, files that have it."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Cause:
     """Sizes, in those of a fault, that are tried by the replay alone: where derivatives say nothing."""
 
     through: Literal["", "trunk", "ground", "imu"] = ""
-    """What a robot that is held lacks, so that its log cannot show it: a moving trunk, the ground, a moving sensor."""
+    """Part that a held robot lacks, so that its log cannot show it: a trunk that moves, the ground, or its sensor."""
     needs_current: bool = False
     """Whether it does nothing while no current is asked for: a lag that lets noise die away would seem to."""
     shown: Shown | None = None
@@ -126,7 +126,7 @@ class Cause:
     """A verdict's words for a value and its number's name, after the place; without it the title and the number."""
 
     acts: Callable[[Replayed, np.ndarray], None] | None = None
-    """What a change does, shape (E, columns), where the replay has no line for its field."""
+    """Applies a change, shape (E, columns), where the replay has no line for its field."""
     mjcf: Callable[[MjcfEdit, int, float], None] | None = None
     """Writes the change of a column into an MJCF."""
     usd: Callable[[UsdEdit, int, float], None] | None = None

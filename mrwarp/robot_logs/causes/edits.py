@@ -35,9 +35,12 @@ class MjcfEdit:
         return body
 
     def add_to_joint(self, j: int, name: str, x: float) -> None:
-        """Add to a number of the log's joint ``j``, ``dof_NAME`` in MuJoCo; it does not turn negative."""
-        joint, v = self.spec.joint(self.robot.joints[j]), self.robot.v_adr[j]
-        value = max(float(getattr(self.robot.model, f"dof_{name}")[v]) + x, 0.0)
+        """Add to a number of the log's joint ``j``, such as its damping; it does not turn negative."""
+        joint, mj, v = self.spec.joint(self.robot.joints[j]), self.robot.model, self.robot.v_adr[j]
+        described = (
+            getattr(mj, f"jnt_{name}")[mj.dof_jntid[v]] if name == "stiffness" else getattr(mj, f"dof_{name}")[v]
+        )
+        value = max(float(described) + x, 0.0)
         setattr(joint, name, [value, 0.0, 0.0] if np.ndim(getattr(joint, name)) else value)
 
 

@@ -39,7 +39,7 @@ class Parameter:
 
     @cached_property
     def declared(self) -> Cause:
-        """What the catalogue says of it."""
+        """Its declaration."""
         return declared(self.cause, self.field)
 
     @property

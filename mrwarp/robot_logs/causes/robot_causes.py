@@ -26,7 +26,7 @@ CATALOGUE: dict[str, Cause] = {cause.name: cause for cause in DECLARED if cause.
 """Causes by name."""
 
 NUISANCES: dict[str, Cause] = {cause.field: cause for cause in DECLARED if cause.name == NUISANCE}
-"""What a healthy robot has and is never a cause, by field."""
+"""Numbers that a healthy robot has and that are never a cause, by field."""
 
 ORDINARY = tuple(name for name, cause in CATALOGUE.items() if cause.ordinary)
 """Numbers that descriptions rarely know: fitted in every case, and named where the log excludes the description."""

@@ -1,0 +1,81 @@
+"""The catalogue of a robot's causes: each declares all that the method, the advice and the extended robot ask of it."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.places import PLACES
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DECLARED, DRIVE, NUISANCES, ORDINARY, OUTSIDE
+from mrwarp.robot_logs.selection import hypotheses_of
+from mrwarp.robot_logs.unknowable import ARM_MOTIONS, MOTIONS
+from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS
+
+OWN = {"clock_shift": "seen against the joints' clock in any motion"}
+"""Causes without a motion that shows them, and why."""
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_cause_has_a_place_a_size_and_a_motion(name: str) -> None:
+    """And what it can look like is a cause of the same places."""
+    cause = CATALOGUE[name]
+    assert cause.place in PLACES and cause.title and cause.unit
+    assert callable(cause.least) or np.isfinite(cause.least)
+    assert (cause.shown is not None) == (not cause.outside and name not in OWN)
+    if cause.looks_like:
+        assert CATALOGUE[cause.looks_like].place == cause.place
+    if not cause.outside:
+        assert name in EFFECTS, "a virtual robot can hide it, so that a test can look for it"
+    if cause.drive:
+        assert cause.change == "relative" and cause.shared
+
+
+def test_rules_follow_from_declarations() -> None:
+    """No name of a cause is listed a second time."""
+    assert len(CATALOGUE) + len(NUISANCES) == len(DECLARED)
+    assert {name for name in CATALOGUE if CATALOGUE[name].ordinary} == set(ORDINARY)
+    assert {name for name in CATALOGUE if CATALOGUE[name].outside} == set(OUTSIDE)
+    assert len(DRIVE) == 3
+    assert set(MOTIONS) == set(ARM_MOTIONS) == {name for name in CATALOGUE if CATALOGUE[name].shown}
+
+
+def _parameter(cause: str, index: int = 0, **numbers: float) -> Parameter:
+    sizes = {"step": 0.1, "spread": 0.1, "least": 0.1, "fault": 1.0} | numbers
+    declared, where = CATALOGUE[cause], f"place{index}"
+    return Parameter(cause=cause, where=where, name="x", unit="1", field=declared.field, index=index, **sizes)
+
+
+@pytest.mark.parametrize(
+    ("cause", "value"), [("coulomb_friction", 0.5), ("kp", 15.0), ("ground_stiffness", 10.0 / 1.5)]
+)
+def test_a_change_makes_a_value_as_declared(cause: str, value: float) -> None:
+    """As it is; times the described value; or, of stiffnesses, that value over it."""
+    assert _parameter(cause, nominal=10.0, lowest=-0.95).absolute(0.5) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(("cause", "common"), [("kp", True), ("encoder_offset", False), ("link_mass", False)])
+def test_what_joints_share_is_one_hypothesis_more(cause: str, common: bool) -> None:
+    """A gain comes from one configuration; a mass or a zero is each joint's own."""
+    both = [_parameter(cause), _parameter(cause, 1)]
+    assert [h.where for h in hypotheses_of(both)] == ["place0", "place1", *(["robot"] if common else [])]
+
+
+def test_a_limit_acts_on_robots_that_have_it() -> None:
+    """A lower one counts from the most that was asked for; without a change the described range stays."""
+    written = np.full((2, 1, 2), np.nan)
+    robot = SimpleNamespace(model=SimpleNamespace(actuator_forcerange=np.array([[-9.0, 9.0]])), asked=np.array([5.0]))
+    replay = SimpleNamespace(robot=robot, model=lambda _: written)
+    acts = CATALOGUE["torque_limit"].acts
+    assert acts is not None
+    acts(replay, np.array([[0.0], [-0.2]]))
+    np.testing.assert_allclose(written[:, 0], [[-9.0, 9.0], [-4.0, 4.0]])
+
+
+def test_words_of_a_verdict() -> None:
+    """Every declared sentence takes any value; titles have no underscores."""
+    for cause in CATALOGUE.values():
+        assert not re.search("_", cause.title)
+        if cause.says is not None:
+            assert cause.says(0.25, "x") != cause.says(-0.75, "y")
