@@ -6,6 +6,7 @@ such step takes a problem and a model fitted to it, and returns a problem with a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -26,34 +27,12 @@ from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.sysid.certainty import by_ratio, gain_and_t
 from mrwarp.sysid.least_squares import ridge_solve
-from mrwarp.sysid.settings import Settings
+from mrwarp.sysid.settings import Reading, Settings
 
-_STARTS_ON = 8000
-"""Samples on which the starts of the baseline are searched."""
 _SHAPES = ((0.5, 1.0, 1.0), (1.5, 1.5, 1.5), (1.5, 2.5, 2.5))
 """More starts: coordinates of alpha, beta, gamma with a hysteresis that yields within 1/3 to 1/12 of the scale."""
-_SPOILT = 1.3
-"""Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
-_MANY = 20
-"""Trajectories above which the features take up little of their offsets and factors; below, they take up most."""
-LIMIT = 60_000
-"""Samples up to which a recording is diagnosed as it is: beyond, more of them say nothing new."""
-LEAST_RATE = 300.0
-"""Rate below which nothing is decimated [Hz]: lags of a few milliseconds must still show."""
-_QUICKEST, _PER_PERIOD = 0.95, 10.0
-"""Share of the torque's energy below a frequency, and samples per period of that frequency that are kept at least: an
-acceleration of fewer is too small by a tenth and more."""
-_BEGUN = 0.8
-"""Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
-_FEW_RESTS, _GROWS = 4, 0.05
-"""Fewest rests that distinguish a drive from a bench, and by how much the torque grows in the typical one, as a share
-of its standard deviation."""
-_SAME_CURRENT = 0.02
-"""Change of the control input, as a share of its largest value, up to which it stays the same."""
-_TRIED = (0.25, 0.5, 0.75, 1.0)
-"""Shifts of the clock that are tried [samples]."""
-_SMOOTHING = (2.0, 4.0, 8.0)
-"""Divisors of the smoother's bandwidth that are tried."""
+_SHIFT = 0.25
+"""Step of the shifts of the clock that are tried, up to a whole sample [samples]."""
 
 
 def fit_baseline(
@@ -73,14 +52,16 @@ def fit_baseline(
     ``settings``; ``known`` says of which samples of the motion the torque may be fitted, bool, shape (N,), where these
     are not all.
     """
-    motion = Motion.of(recording, resistance=coil_resistance(recording, model)).stretches(LIMIT)
+    settings = settings or Settings()
+    motion = Motion.of(recording, resistance=coil_resistance(recording, model))
+    motion = motion.stretches(settings.reading.samples)
     if known is not None:
         motion = replace(motion, known=known)
     scales = motion.scales
     q_zero = nominal_zero(recording, model) / scales.q
     log("eqs. 14 and 15: starts")
     structure = BoucWenStructure(motion, q_zero)
-    points = search_starts(structure, Replay(motion), limit=_STARTS_ON, seed=seed)[:2]
+    points = search_starts(structure, Replay(motion), limit=settings.effort.starts_on, seed=seed)[:2]
     bases = [np.array([*point.linear, *point.theta]) for point in points]
     if model is not None:
         values = normalised(model.values, scales)
@@ -96,7 +77,7 @@ def fit_baseline(
         q_zero=q_zero,
         units=recording.units,
         noise=_white(float(motion.torque.std()) or 1.0),
-        settings=settings or Settings(),
+        settings=settings,
     )
     nominal = _known_numbers(model, scales)
     bends = {(effect, p.name): value for (effect, p), value in nominal.items() if p.form}
@@ -121,7 +102,7 @@ def judged(problem: Problem, plain: Fit, log: Progress) -> tuple[Problem, Fit]:
         problem, fit = with_learned_noise(problem, fit)
     # what repeats along the angle of a joint that turns on and on is as quick as noise, and would be taken for it
     turns = motion.ranges.turns > 1.0
-    if turns or rms(motion.torque - fit.torque) > _SPOILT * rms(motion.torque - plain.torque):
+    if turns or rms(motion.torque - fit.torque) > problem.settings.reading.misfit * rms(motion.torque - plain.torque):
         log("the misfit is larger than any noise: plain least squares")
         problem, fit = with_learned_noise(replace(problem, misfit=True), plain)
     return problem, fit
@@ -144,7 +125,7 @@ def learn_noise(problem: Problem, fit: Fit) -> Noise:
     table /= np.maximum(np.sqrt(np.mean(table**2, axis=1, keepdims=True)), 1e-9)
     gram, moment = (table @ table.T).astype(float), (table @ mismatch.astype(np.float32)).astype(float)
     rest = mismatch - ridge_solve(gram, moment, 1e-5) @ table
-    if len(s.parts) > _MANY:
+    if len(s.parts) > problem.settings.reading.many:
         offset, gain = trajectory_spread(rest, torque, s, np.empty((len(s.parts), 0)))
     else:
         middle = np.array([[s.time[p].mean(), s.heat[2][p].mean()] for p in s.parts])
@@ -197,8 +178,8 @@ def _white(level: float) -> Noise:
 # --- how the log is read ---
 
 
-def decimate(recording: Recording) -> tuple[Recording, str | None]:
-    """The recording with at most about ``LIMIT`` samples, and a note on what was done, or None.
+def decimate(recording: Recording, reading: Reading) -> tuple[Recording, str | None]:
+    """The recording with at most about as many samples as are needed, and a note on what was done, or None.
 
     Angle and velocity become means over the samples around each that is kept, which takes no motion away and adds no
     phase; current and torque are those of the sample itself, so that a step of the current stays a step.
@@ -206,11 +187,11 @@ def decimate(recording: Recording) -> tuple[Recording, str | None]:
     runs, every = recording.trajectories, 1
     factors = [1] * len(runs)
     # the widest odd step of each trajectory that keeps its rate
-    least = [max(LEAST_RATE, _PER_PERIOD * _quickest(run)) for run in runs]
+    least = [max(reading.least_rate, reading.per_period * _quickest(run, reading.quick_share)) for run in runs]
     widest = [
         max(1, 2 * int((1.0 / run.dt / rate + 1e-6 + 1.0) / 2.0) - 1) for run, rate in zip(runs, least, strict=True)
     ]
-    while sum(len(run.t) // k for run, k in zip(runs, factors, strict=True)) > LIMIT:
+    while sum(len(run.t) // k for run, k in zip(runs, factors, strict=True)) > reading.samples:
         every += 2
         wider = [min(every, most) for most in widest]
         if wider == factors:
@@ -224,11 +205,11 @@ def decimate(recording: Recording) -> tuple[Recording, str | None]:
     return out, f"{recording.samples} samples are more than a diagnosis needs: it used {out.samples}, at {rates} Hz"
 
 
-def _quickest(run: Trajectory) -> float:
-    """Frequency below which most of the torque's energy lies [Hz]."""
+def _quickest(run: Trajectory, share: float) -> float:
+    """Frequency below which this share of the torque's energy lies [Hz]."""
     varies = (run.torque - run.torque.mean()) * np.hanning(len(run.t))
     energy = np.cumsum(np.abs(np.fft.rfft(varies)) ** 2)
-    return float(np.searchsorted(energy, _QUICKEST * energy[-1])) / (len(run.t) * run.dt)
+    return float(np.searchsorted(energy, share * energy[-1])) / (len(run.t) * run.dt)
 
 
 def _every(run: Trajectory, every: int) -> Trajectory:
@@ -251,7 +232,8 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     ``rate`` is how fast z forgets along the path [1/normalised unit of q]. Returns the problem with its model.
     """
     motion = problem.motion
-    held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True).stretches(LIMIT)
+    held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True)
+    held = held.stretches(problem.settings.reading.samples)
     held = replace(held, known=motion.known)
     still = held.kinematics.still
     if still is None or not still.any():
@@ -262,13 +244,13 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     before, after = (known @ (held.torque - f.torque) ** 2 for f in (fit, refitted))
     if after >= before:
         return problem, fit
-    if not driven(held):
+    if not driven(held, problem.settings):
         return resting, refitted
     sticking = replace(resting, weight=resting.weight * ~still)
     return sticking, refit(sticking, refitted, tolerance=1e-4)
 
 
-def driven(motion: Motion) -> bool:
+def driven(motion: Motion, settings: Settings) -> bool:
     """Whether the torque of a joint that is held still grows in its rests: a drive applies it, and the joint sticks.
 
     A device that a bench moves can only relax while it stands, unless its control input changes. A torque that grows
@@ -281,9 +263,9 @@ def driven(motion: Motion) -> bool:
             continue
         tau = motion.torque[rest] * np.sign(motion.torque[rest].mean())
         quarters = np.array([part.mean() for part in np.array_split(tau, 4)])  # the noise is not to grow
-        if np.ptp(motion.current[rest]) <= _SAME_CURRENT * motion.ranges.current:
+        if np.ptp(motion.current[rest]) <= settings.gain.unchanging * motion.ranges.current:
             rises.append(float((quarters - np.minimum.accumulate(quarters)).max()) / size)
-    return len(rises) >= _FEW_RESTS and float(np.median(rises)) > _GROWS
+    return len(rises) >= settings.gain.few and float(np.median(rises)) > settings.gain.detail
 
 
 def sticks(problem: Problem) -> bool:
@@ -304,7 +286,8 @@ def begin_under_way(problem: Problem, fit: Fit) -> Problem:
     torque = EffectReplay(moving).torque(fit.row)[0].astype(float)
     head = (problem.weight == 0.0) & ~motion.uncertain
     before, after = (np.where(head, motion.torque - tau, 0.0) ** 2 for tau in (fit.torque, torque))
-    better = np.array([after[part].sum() < _BEGUN * before[part].sum() for part in motion.parts])
+    begun = problem.settings.reading.begun
+    better = np.array([after[part].sum() < begun * before[part].sum() for part in motion.parts])
     if 2 * np.sum(better & (moving.begin != 0.0)) < np.sum(moving.begin != 0.0):
         return problem
     return problem.with_motion(replace(moving, begin=np.where(better, moving.begin, 0.0)))
@@ -322,10 +305,10 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
         return problem
     fit = refit(problem, fit)
     found = [(problem, fit)]
-    for smoothing in _SMOOTHING:
+    for smoothing in _doubled(problem.settings.reading.smoothing):
         read = {"rests": problem.motion.kinematics.rests, "smoothing": smoothing}
         motion = Motion.of(recording, problem.motion.scales, resistance=problem.motion.resistance, **read)
-        motion = motion.stretches(LIMIT)
+        motion = motion.stretches(problem.settings.reading.samples)
         part = {name: getattr(motion, name) for name in ("qd", "qdd", "kinematics")}
         smooth = problem.with_motion(replace(problem.motion, **part))
         found.append((smooth, refit(smooth, found[-1][1])))
@@ -341,6 +324,14 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     return replace(best, weight=best.weight * ~reversing) if driven_by_torque and reversing is not None else best
 
 
+def _doubled(most: float) -> Iterator[float]:
+    """2, 4, 8 and so on."""
+    smoothing = 2.0
+    while smoothing <= most:
+        yield smoothing
+        smoothing *= 2.0
+
+
 def align_clocks(problem: Problem, fit: Fit) -> Problem:
     """Shift the motion by the part of a sample by which the torque is logged ahead of it, if any.
 
@@ -349,7 +340,7 @@ def align_clocks(problem: Problem, fit: Fit) -> Problem:
     """
     motion = problem.motion
     shifts, losses, best = [0.0], [fit.loo_loss], fit
-    for shift in _TRIED:
+    for shift in np.arange(_SHIFT, 1.0 + 0.5 * _SHIFT, _SHIFT).tolist():
         best = refit(problem.with_motion(motion.later(shift)), best)
         shifts.append(shift)
         losses.append(best.loo_loss)
@@ -364,5 +355,5 @@ def align_clocks(problem: Problem, fit: Fit) -> Problem:
     found = shifts[k]
     if 0 < k < len(totals) - 1:  # the vertex of the parabola through the best and its neighbours
         before, here, after = totals[k - 1 : k + 2]
-        found += 0.5 * _TRIED[0] * (before - after) / (before - 2.0 * here + after)
+        found += 0.5 * _SHIFT * (before - after) / (before - 2.0 * here + after)
     return problem.with_motion(motion.later(found))

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, base_vector, covariance, normalised
+from mrwarp.diagnose.problem import Fit, Problem, base_vector, covariance, normalised
 from mrwarp.diagnose.result import Shift
-from mrwarp.identify.dataset import Motion
 from mrwarp.identify.parameters import BASE_PART, LINEAR, LINEAR_PART, SHAPE, SHAPE_PART
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording
+from mrwarp.sysid.settings import Settings
 
 SPREAD = 0.02
 """Spread of a parameter from device to device, one standard deviation [1]."""
@@ -25,15 +25,9 @@ BIAS_SPREAD = 0.0008
 """Spread of D, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
 OTHER_DEVICE = 0.2
 """Spread of each parameter where the nominal values are those of another device, one standard deviation [1]."""
-_MARGIN = 11.0
-"""Logarithm of the odds that a single shift must have against another device; of real shifts it is 17 to 20."""
-_DROP, _LEFT = 16.0, 22.0
-"""Least chi-squared that a shift takes away, and most that it may leave."""
-_DISTINCT = 6.0
-"""Difference of chi-squared from which two shifts are distinguished."""
 
 
-def calibration_shifts(fit: Fit, motion: Motion, recording: Recording, model: Model | None) -> tuple[Shift, ...]:
+def calibration_shifts(problem: Problem, fit: Fit, recording: Recording, model: Model | None) -> tuple[Shift, ...]:
     """Shifts of a final model against the nominal parameters: those of ``model``, else the paper's for its joint."""
     if model is not None:
         nominal = model.values
@@ -42,20 +36,21 @@ def calibration_shifts(fit: Fit, motion: Motion, recording: Recording, model: Mo
         nominal = {name: getattr(paper, name) for name in (*LINEAR, *SHAPE)}
     else:
         return ()
-    shift = find_shift(fit, normalised(nominal, motion.scales), float(np.ptp(motion.torque)))
+    motion = problem.motion
+    shift = find_shift(fit, normalised(nominal, motion.scales), float(np.ptp(motion.torque)), problem.settings)
     if shift is not None and shift.name == "torque_bias":
         value, low, high = (x * motion.scales.torque for x in (shift.value, *shift.ci95))
         shift = replace(shift, value=value, ci95=(low, high), unit=recording.units["torque"])
     return (shift,) if shift else ()
 
 
-def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float) -> Shift | None:
+def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float, settings: Settings) -> Shift | None:
     """The shift of calibration that the re-fitted parameters show against nominal ones, normalised units, or None.
 
     No shift of calibration touches alpha, beta and gamma: where these lie off too, it is another device. ``nominal``
     holds D, B, C, I1, K0, K1, alpha, beta and gamma; it and ``torque_range`` are in normalised units.
     """
-    speed = fit.parameters.ranges.qd
+    speed, limits = fit.parameters.ranges.qd, settings.calibration
     centre = base_vector(nominal, speed)
     steps = [base_vector({**nominal, name: nominal[name] * (1.0 + SPREAD)}, speed) - centre for name in SHAPE]
     delta = fit.x[BASE_PART] - centre
@@ -77,13 +72,13 @@ def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float) -> S
             size = float(d @ weight @ delta) / information
             rank.append((whole - size**2 * information, name, size, information**-0.5))
     rank.sort()
-    if not rank or whole - rank[0][0] < _DROP or rank[0][0] > _LEFT:
+    if not rank or whole - rank[0][0] < settings.gain.clear_t**2 or rank[0][0] > limits.left:
         return None
     left, name, size, error = rank[0]
     shifted = _log_likelihood(delta, measured + device) + 0.5 * (whole - left)
-    if shifted < _log_likelihood(delta, measured + (OTHER_DEVICE / SPREAD) ** 2 * device) + _MARGIN:
+    if shifted < _log_likelihood(delta, measured + (OTHER_DEVICE / SPREAD) ** 2 * device) + limits.odds:
         return None
-    near = tuple(r[1] for r in rank[1:] if r[0] - left < _DISTINCT)
+    near = tuple(r[1] for r in rank[1:] if r[0] - left < limits.distinct)
     value = size if name == "torque_bias" else 1.0 + size
     if name == "torque_bias":
         near = ("encoder_offset", "friction_asymmetry", *near)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mrwarp.diagnose.checks.recording_faults import turned_signs
-from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing, missed
-from mrwarp.identify.contradictions import MIN_TRAJECTORIES, contradictions
+from mrwarp.identify.checks.refusal_reason import explains_nothing, missed
+from mrwarp.identify.contradictions import contradictions
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
+from mrwarp.sysid.settings import Settings
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.held_out import HeldOut
@@ -18,32 +19,30 @@ if TYPE_CHECKING:
     from mrwarp.diagnose.result import Diagnosis
     from mrwarp.diagnose.search import Selection
 
-MIN_SECONDS = 10.0
-"""Shortest recording, all trajectories together [s]."""
-MIN_SAMPLES = 1500
-"""Fewest samples, all trajectories together."""
 STANDARD = (
     "record at least 12 trajectories of 4 s or more: current steps while the joint moves, sines of several amplitudes "
     "at several constant currents, in random order"
 )
 
 
-def no_verdict_reasons(recording: Recording) -> list[str]:
+def no_verdict_reasons(recording: Recording, settings: Settings | None = None) -> list[str]:
     """Reasons why no verdict can be given; each names the recording to make."""
+    settings = settings or Settings()
+    needed = settings.data
     runs = recording.trajectories
     seconds = sum(float(run.t[-1] - run.t[0]) + run.dt for run in runs)
     found = []
-    if len(runs) < MIN_TRAJECTORIES:
+    if len(runs) < needed.runs:
         found.append(
             f"only {len(runs)} {'trajectory' if len(runs) == 1 else 'trajectories'}: an effect only counts when "
             f"it predicts a trajectory that it was not fitted to, so nothing can be named; {STANDARD}"
         )
-    if seconds < MIN_SECONDS or recording.samples < MIN_SAMPLES:
+    if seconds < needed.seconds or recording.samples < needed.samples:
         found.append(
-            f"too little data: {seconds:.3g} s, {recording.samples} samples; a cause needs at least {MIN_SECONDS:g} s "
-            f"and {MIN_SAMPLES} samples; {STANDARD}"
+            f"too little data: {seconds:.3g} s, {recording.samples} samples; a cause needs at least "
+            f"{needed.seconds:g} s and {needed.samples} samples; {STANDARD}"
         )
-    wrong = contradictions(turned_signs(recording)[0])
+    wrong = contradictions(turned_signs(recording, settings)[0])
     torque = np.concatenate([run.torque for run in runs])
     clipped, limit = max((at_limit(torque), torque.max()), (at_limit(-torque), torque.min()))
     if clipped > CLIPPED and not wrong and all(run.lost is None for run in runs):
@@ -88,7 +87,7 @@ def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[s
             f"device and one set-up; {STANDARD}"
         ]
     left = missed(found.predicted_extended - problem.measured, problem.measured, problem.weight)
-    if left >= EXPLAINS_NOTHING:
+    if left >= problem.settings.data.nothing:
         reason = explains_nothing(left, problem.motion, problem.units, every_effect=True)
         return [reason if reason.endswith("try again") else f"{reason}; {STANDARD}"]
     return []

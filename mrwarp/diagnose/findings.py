@@ -229,11 +229,11 @@ def unexplained_of(
     gain, named = max([f.gain for f in left], default=0.0), selection.gain
     both = gain + (line.gain if line else 0.0)
     share = both / max(named + both, 1e-9)
-    if named > 0.0 and share < problem.settings.proof.part:
+    if named > 0.0 and share < problem.settings.gain.part:
         return None
     if line is not None and line.gain > gain:
         return Unexplained(depends_on=("frequency",), form=f"a line at {line.frequency:.2f} Hz", share=share)
-    clear = [f for f in left[:3] if f.gain > problem.settings.gain.near * left[0].gain]
+    clear = [f for f in left[:3] if f.gain > problem.settings.gain.half * left[0].gain]
     variables = dict.fromkeys(v for f in clear for v in f.group.variables)
     return Unexplained(depends_on=tuple(variables), form=left[0].group.form, share=share)
 

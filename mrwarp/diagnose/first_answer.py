@@ -23,8 +23,6 @@ from mrwarp.recording.load import Recording
 
 NOT_CHECKED = "a first look only: nothing was checked"
 """Why no candidate of a first answer is a cause."""
-_EXPLAINS = 0.5
-"""Part of the mismatch that the best candidate takes away where it is likelier than a law of another shape."""
 
 
 def likely(what: str) -> str:
@@ -60,7 +58,7 @@ def first_answer(
     """
     found = [_suspect(problem, base, c) for c in screened if base.total - c.total > threshold(problem, base)]
     found = [s for s in found if not would_be_negative(s.name, next(iter(s.parameters.values())).value)]
-    near, most = problem.settings.gain.near, problem.settings.law.rivals
+    near, most = problem.settings.gain.half, problem.settings.law.rivals
     suspects = tuple(s for s in found if s.gain > near * found[0].gain)[:most]
     unknown = float("nan")
     nothing = Error(rmse=unknown, nrmse=unknown, unit=recording.units["torque"])
@@ -108,4 +106,4 @@ def _likeliest(problem: Problem, base: Fit, suspects: Sequence[Suspect]) -> str:
         text += f" about {measured(size.value, size.unit)}"
     if others:
         text += f" (or {either(s.name for s in others)})"
-    return f"{law}, or {text}" if law and best.gain < _EXPLAINS else text
+    return f"{law}, or {text}" if law and best.gain < 1.0 - problem.settings.gain.half else text

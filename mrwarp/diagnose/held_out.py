@@ -31,6 +31,7 @@ from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, check_same_units
 from mrwarp.sysid.left_out import left_out
 from mrwarp.sysid.pieces import Pieces
+from mrwarp.sysid.settings import Rest
 
 MODELS = ("baseline", "extended")
 
@@ -107,6 +108,8 @@ class Account:
     """Part of the extended model's RMSE that the predictor takes away on trajectories it never saw."""
     spikes: float = 0.0
     """Part of the mismatch that spikes carry, within what is not repeatable; no figure of error has them [1]."""
+    unreported: float = Rest.unreported
+    """Share of the mismatch that may repeat without being reported [1]."""
 
     @property
     def unnamed(self) -> float:
@@ -120,16 +123,8 @@ class Account:
 
     @property
     def open(self) -> bool:
-        """Whether much of the mismatch repeats and has no name: more than a tenth."""
-        return self.unnamed > MUCH
-
-
-MUCH = 0.1
-"""Share of the mismatch that may repeat without being reported."""
-_CLEARLY, _CLEARLY_WITH_A_LAW = 0.5, 2 / 3
-"""Ratio of squares below which what differs where a motion comes again is clearly less than what boosting leaves: noise
-that differs from run to run, such as a moved zero, is not in the former. Next to a law of another shape, the latter:
-much of what boosting leaves there is the law's own rest."""
+        """Whether much of the mismatch repeats and has no name."""
+        return self.unnamed > self.unreported
 
 
 def not_predicted(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> np.ndarray:
@@ -139,11 +134,11 @@ def not_predicted(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> 
     smooth functions, and the torque itself; the best of these counts. Normalised units, shape (M,).
     """
     motion = problem.motion
-    at = chosen_samples(motion, problem.weight)
+    at = chosen_samples(motion, problem.weight, problem.settings.effort.samples)
     predicted_by = partial(cross_predicted, motion, at, seed=seed, threads=problem.replay.threads)
     after, signals = motion.torque - held.predicted_extended, [held.predicted_extended]
     left = _left(after, predicted_by(after, extra=signals), at)
-    if float(left @ left) < (1.0 - MUCH) * float(np.sum(after[at] ** 2)):
+    if float(left @ left) < (1.0 - problem.settings.rest.unreported) * float(np.sum(after[at] ** 2)):
         smooth = np.vstack([group.rows for group in groups_along(problem, extended) if not group.slow])
         more = _left(after, predicted_by(after, extra=signals, smooth=smooth), at)
         direct = _left(motion.torque, predicted_by(motion.torque), at)
@@ -170,7 +165,7 @@ def account_of(
     What the extended model leaves at ``spikes`` does not repeat.
     """
     motion = problem.motion
-    at = chosen_samples(motion, problem.weight)
+    at = chosen_samples(motion, problem.weight, problem.settings.effort.samples)
     torque = motion.torque
     before, after = torque - held.predicted_baseline, torque - held.predicted_extended
     run = np.searchsorted(motion.start, at, side="right") - 1
@@ -189,7 +184,9 @@ def account_of(
     samples = np.bincount(run, minlength=len(motion.dt))[pick].sum(axis=1)
     again, drawn = _spread(problem, after, at, pick)
     drawn = drawn * samples
-    if again is not None and again * len(at) < (_CLEARLY_WITH_A_LAW if law else _CLEARLY) * total[2]:
+    # noise that differs from run to run, such as a moved zero, is not in what differs where a motion comes again
+    clearly = problem.settings.rest.with_law if law else problem.settings.gain.half
+    if again is not None and again * len(at) < clearly * total[2]:
         total[2] = again * len(at)
         draws[:, 2] = drawn
     ends = np.percentile(_shares(draws + spiky_drawn), (2.5, 97.5), axis=0)
@@ -211,6 +208,7 @@ def account_of(
         cycle_spread=None if again is None else float(np.sqrt(again)) / spread,
         learnable=learnable,
         spikes=spiky / max(float(total[0]) + spiky, 1e-300),
+        unreported=problem.settings.rest.unreported,
     )
 
 

@@ -20,19 +20,6 @@ from mrwarp.identify.parameters import row_column
 LAG, DELAY = "coil_lag", "command_delay"
 _AGES = 48
 """Times of the step between two samples that are integrated over."""
-_ENOUGH = 3
-"""Fewest steps for an answer."""
-_CLEAR = 6.0
-"""Difference of the logarithms of two likelihoods from which one is taken."""
-_VISIBLE = 4.0
-"""Smallest change of torque by a step, over the noise."""
-_MODEL_ERROR = 0.03
-"""Error of the model in that change [1]."""
-_NEAR = 0.7
-"""Part of an effect's gain by which its like may be behind, and single steps still decide between them.
-
-Wide, since each step falls where it likes between two samples: with few steps the fits' difference is their luck.
-"""
 
 
 @dataclass(frozen=True)
@@ -75,10 +62,10 @@ def decided_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOr
         return certain
     rival = models.grown(without, screened[0])
     behind = (rival.total - final.total) / max(without.total - final.total, 1e-9)
-    if behind > _NEAR:
+    if behind > models.problem.settings.steps.near:
         return certain
     steps = find_steps(models.problem, final if named[0] == LAG else rival)
-    found = more_likely(steps) if steps is not None else None
+    found = more_likely(steps, models.problem.settings.gain.distinct) if steps is not None else None
     if steps is None or found is None:  # neither law knows when the command changed: their fits do not decide
         return LagOrDelay(final, undecided=other)
     model, loser = (final, other) if found == named[0] else (rival, named[0])
@@ -100,10 +87,10 @@ def _refined(steps: StepResponses | None) -> dict[tuple[str, str], tuple[float, 
     return {}
 
 
-def more_likely(steps: StepResponses) -> str | None:
-    """The one of the two effects that the single steps speak for, or None where they do not decide."""
+def more_likely(steps: StepResponses, distinct: float) -> str | None:
+    """The one of the two effects that the steps speak for, by this chi-squared; None where they do not decide."""
     lag, delay = (float(_profile(steps, effect)[1].max()) for effect in (LAG, DELAY))
-    if abs(lag - delay) < _CLEAR:
+    if 2.0 * abs(lag - delay) < distinct:
         return None
     return LAG if lag > delay else DELAY
 
@@ -118,7 +105,7 @@ def size_from(steps: StepResponses, effect: str) -> tuple[float, float, float]:
 
 def find_steps(problem: Problem, lag: Fit) -> StepResponses | None:
     """Steps of a data set, measured against a model without its lag or delay; None if they are too few."""
-    s, noise = problem.motion, problem.noise.rms
+    s, noise, settings = problem.motion, problem.noise.rms, problem.settings
     dt = float(np.median(s.dt))
     if float(np.ptp(s.dt)) > 1e-3 * dt:
         return None
@@ -138,13 +125,13 @@ def find_steps(problem: Problem, lag: Fit) -> StepResponses | None:
                 continue
             window = slice(k, k + reach)
             change = new[window] - old[window]
-            if np.abs(change).min() < _VISIBLE * noise:
+            if np.abs(change).min() < settings.gain.clear_t * noise:
                 continue
             level = float(np.mean(s.torque[k - 2 : k] - new[k - 2 : k]))
             late.append((new[window] + level - s.torque[window]) / change)
-            error.append(np.hypot(1.2 * noise / np.abs(change), _MODEL_ERROR))
+            error.append(np.hypot(1.2 * noise / np.abs(change), settings.steps.model_error))
             trajectory.append(index)
-    if len(late) < _ENOUGH:
+    if len(late) < settings.steps.enough:
         return None
     return StepResponses(np.array(late), np.array(error), np.array(trajectory), dt)
 

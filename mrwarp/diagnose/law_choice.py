@@ -25,10 +25,6 @@ from mrwarp.sysid.settings import Law
 
 _SINGLE = "dahl"
 """The law that eq. 15 becomes with alpha = gamma = 0."""
-_SAMPLES = 12_000
-"""Samples on which laws are compared."""
-_RUNS = 40
-"""Trajectories to which these may fall, where there are many short ones: enough to distinguish chance from gain."""
 _ALSO = "current_viscosity"
 """Further term of published laws: viscosity in a straight line over the current."""
 _INERTIA = "rotor_inertia"
@@ -102,7 +98,8 @@ def choose_law(
     if not may_follow_another_law(problem, base):
         return None, problem, base
     log(f"other hysteresis laws: {', '.join(law.title for law in HYSTERESIS.values())}")
-    small = motion.stretches(_SAMPLES, _RUNS)
+    limit = problem.settings.effort.samples
+    small = motion.stretches(limit, problem.settings.effort.runs)
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
     with_effects = [_ALSO] if search.levels > 1 and _ALSO not in problem.impossible else []
@@ -116,7 +113,9 @@ def choose_law(
         return float(found.held_out.sum())
 
     laws = {
-        name: law_search(small, q_zero, name, offsets=True, effects=[*with_effects, *inertia], threads=threads)
+        name: law_search(
+            small, q_zero, name, offsets=True, effects=[*with_effects, *inertia], threads=threads, limit=limit
+        )
         for name in HYSTERESIS
     }
     settings = problem.settings.law
@@ -126,13 +125,9 @@ def choose_law(
     near = [name for name in laws if held_out[name] < (1.0 + settings.simpler) * held_out[best]]
     best = min(near, key=lambda name: (laws[name].layout.size, held_out[name]))
     found = laws[best]
-    extra = [name for name in effects if name not in found.layout.effects and name not in base.effects]
-    if extra:  # a true effect bears as much of another law's error
-        layout = replace(search.layout([*found.layout.effects, *extra]), choices=paper.layout.choices)
-        x = found.layout.moved(found.x, layout)
-        for name in extra:
-            x[layout.own(name)] = paper.x[paper.layout.own(name)]
-        found = min(found, search.descend(layout, x), key=error)
+    found = min(
+        found, _next_to(search, found, paper, [name for name in effects if name not in base.effects]), key=error
+    )
     taken = _clear(settings, paper, found)
     if not taken and error(found) < error(paper):  # what stands before the shaft bends the loop of either most
         taken = _clear(settings, _behind(search, paper), _behind(search, found))
@@ -148,12 +143,25 @@ def choose_law(
     )
     if not choice.other:
         return choice, problem, base
-    if zeros_moved(found, one_zero(found, search.replay)):  # friction that differs by direction is searched as a cause
+    # friction that differs by direction is searched as a cause
+    if zeros_moved(found, one_zero(found, search.replay, settings.moved), settings.moved):
         problem, offsets = _without_zeros(problem, found, names)
         choice = replace(choice, offsets=offsets)
     log(f"the hysteresis has another shape: {choice.title}")
     layout = problem.parameters([name for name in found.layout.effects if name not in inertia])
     return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
+
+
+def _next_to(search: LawSearch, found: Solution, paper: Solution, effects: Sequence[str]) -> Solution:
+    """Another law with the effects that eq. 14 has: a true one bears as much of either's error."""
+    extra = [name for name in effects if name not in found.layout.effects]
+    if not extra:
+        return found
+    layout = replace(search.layout([*found.layout.effects, *extra]), choices=paper.layout.choices)
+    x = found.layout.moved(found.x, layout)
+    for name in extra:
+        x[layout.own(name)] = paper.x[paper.layout.own(name)]
+    return search.descend(layout, x)
 
 
 def _clear(law: Law, paper: Solution, found: Solution) -> bool:
@@ -179,11 +187,11 @@ def structured(problem: Problem, base: Fit) -> bool:
 def misfits(problem: Problem, fit: Fit) -> bool:
     """Whether a model is wrong by much that is structured, so that its whitened differences say what is quick only.
 
-    Below :attr:`~mrwarp.sysid.settings.Law.detail` what it leaves is a correction to a model that is right, and may be
+    Below :attr:`~mrwarp.sysid.settings.Gain.detail` what it leaves is a correction to a model that is right, and may be
     whitened.
     """
     left = problem.motion.torque - fit.torque
-    detail = problem.settings.law.detail * float(problem.motion.torque.std())
+    detail = problem.settings.gain.detail * float(problem.motion.torque.std())
     return structured(problem, fit) and float(left.std()) > detail
 
 
@@ -250,8 +258,8 @@ def _without_zeros(problem: Problem, found: Solution, names: Sequence[str]) -> t
     zeros -= middle + slope * np.array([motion.current[part].mean() for part in motion.parts])
     moved = np.repeat(zeros, np.diff(motion.start))
     together, separate = float(np.var(left)), float(np.var(left - moved))
-    law = problem.settings.law
-    if zeros.std() < law.detail * motion.torque.std() or separate > law.half * together:
+    gain = problem.settings.gain
+    if zeros.std() < gain.detail * motion.torque.std() or separate > gain.half * together:
         return problem, {}
     corrected = problem.with_motion(replace(motion, torque=motion.torque - moved))
     offsets = {name: float(zero) * motion.scales.torque for name, zero in zip(names, zeros, strict=True)}

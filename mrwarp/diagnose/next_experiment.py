@@ -29,28 +29,15 @@ from mrwarp.recording.data import NO_INPUT
 from mrwarp.sysid.least_squares import Rules, minimise, ridge_solve
 from mrwarp.sysid.pieces import Quadratic
 
-_MORE = 1.3
-"""Gain that is asked for, over the threshold: the gain that is found scatters about the gain that is there."""
 _SLAB = 24
 """Sizes whose signals share one table."""
 
-_CHI2 = 100.0
-"""Least miss of the wrong effect, in units of the noise's variance: four times what decides, for the experiment's
-own noise and for models that err."""
-_STEPS = 80
-"""Steps of the current that distinguish a lag from a delay (:mod:`mrwarp.diagnose.lag_or_delay`)."""
 _RUN = (3.0, 10.0)
 """Shortest and longest run [s]."""
-_RUNS = 4
-"""Fewest runs, and as many as are simulated: an effect has to predict runs that it was not fitted to."""
-_MANY_RUNS = 24
-"""Runs above which they are made longer instead."""
 _LONGEST = 36000.0
 """An experiment that would last longer [s] is not proposed."""
-_AWAY = (-1.4, -0.7, 0.7, 1.4)
-"""Where else the logarithm of a number is tried."""
-_FAR = 30.0
-"""Loss on the data at which a model is no rival any more, in units of the noise's variance."""
+_AWAY = 0.7
+"""Where else the logarithm of a number is tried: so far away and twice, to either side."""
 _REST = (600.0, 1800.0)
 """Shortest and longest rest [s]."""
 _REPEATS = (3, 6, 12)
@@ -122,10 +109,10 @@ def propose(problem: Problem, selection: Selection, seed: int) -> NextExperiment
             kinds = list(STANDARD)
         else:
             kinds = [kind for kind, standard in STANDARD.items() if standard.current == "none"]
-        trials = {kind: _trial(problem.motion, STANDARD[kind], np.random.default_rng(seed)) for kind in kinds}
+        trials = {kind: _trial(problem, STANDARD[kind], np.random.default_rng(seed)) for kind in kinds}
         missed = {kind: _least_missed(problem, trial, pairs) for kind, trial in trials.items()}
         kind = max(missed, key=lambda k: missed[k])
-        if {LAG, DELAY} <= set(names) or _seconds(trials[kind], missed[kind]) <= _LONGEST:
+        if {LAG, DELAY} <= set(names) or _seconds(problem, trials[kind], missed[kind]) <= _LONGEST:
             return _described(problem, kind, trials[kind], missed[kind], names)
     return None
 
@@ -149,7 +136,7 @@ def _starts(problem: Problem, fit: Fit, effect: str) -> list[tuple[np.ndarray, Q
     p, points = fit.parameters, [fit.x]
     for i, slot in p.items():
         if slot.effect == effect and slot.logarithmic:
-            for away in _AWAY:
+            for away in (-2.0 * _AWAY, -_AWAY, _AWAY, 2.0 * _AWAY):
                 x = fit.x.copy()
                 x[i] = np.clip(x[i] + away, p.low[i], p.high[i])
                 if abs(x[i] - fit.x[i]) > 0.5 * abs(away):
@@ -158,7 +145,7 @@ def _starts(problem: Problem, fit: Fit, effect: str) -> list[tuple[np.ndarray, Q
     least = found[0].loss
     found[0] = dataclasses.replace(found[0], descent=np.zeros(p.size))  # the fit is the best
     away = [dataclasses.replace(data, loss=data.loss - least) for data in found]
-    return [(x, data) for x, data in zip(points, away, strict=True) if data.loss < _FAR]
+    return [(x, data) for x, data in zip(points, away, strict=True) if data.loss < problem.settings.gain.chi2]
 
 
 def _held_still(problem: Problem, p: Parameters, x: np.ndarray, held: int) -> np.ndarray:
@@ -196,19 +183,20 @@ def _least_loss(trial: Problem, p: Parameters, start: np.ndarray, data: Quadrati
 # --- a motion and a current ---
 
 
-def _seconds(trial: Motion, missed: float) -> float:
+def _seconds(problem: Problem, trial: Motion, missed: float) -> float:
     """How long an experiment has to last [s]; ``missed`` is what the wrong model misses of the trial."""
-    return float(len(trial.q)) * trial.ranges.dt * _CHI2 / max(missed, 1e-9)
+    return float(len(trial.q)) * trial.ranges.dt * problem.settings.experiment.chi2 / max(missed, 1e-9)
 
 
 def _described(problem: Problem, kind: str, trial: Motion, missed: float, names: tuple[str, ...]) -> NextExperiment:
     like, standard, units = problem.motion, STANDARD[kind], problem.units
-    scales, run, seconds = like.scales, _run_seconds(like), _seconds(trial, missed)
+    wanted, few = problem.settings.experiment, problem.settings.gain.few
+    scales, run, seconds = like.scales, _run_seconds(like), _seconds(problem, trial, missed)
     if {LAG, DELAY} <= set(names):
-        seconds = _STEPS * 0.35
-    seconds = max(seconds, _RUNS * run)
-    if seconds > _MANY_RUNS * run:
-        run = float(math.ceil(seconds / _MANY_RUNS))
+        seconds = wanted.steps * 0.35
+    seconds = max(seconds, few * run)
+    if seconds > wanted.runs * run:
+        run = float(math.ceil(seconds / wanted.runs))
     runs = math.ceil(seconds / run)
     size, low, high = _swing(like, standard)
     top = like.ranges.current * scales.current
@@ -251,16 +239,17 @@ def _swing(like: Motion, standard: Standard) -> tuple[float, float, float]:
     return size, min(standard.low, most), min(standard.high, most)
 
 
-def _trial(like: Motion, standard: Standard, rng: np.random.Generator) -> Motion:
+def _trial(problem: Problem, standard: Standard, rng: np.random.Generator) -> Motion:
     """Motion and current of some runs within the ranges of a data set; normalised units, without noise."""
+    like, count = problem.motion, problem.settings.gain.few  # an effect has to predict runs that took no part
     r, dt = like.ranges, like.ranges.dt
     t = np.arange(round(_run_seconds(like) / dt)) * dt
     size, low, high = _swing(like, standard)
     phase = 2.0 * np.pi * (low * t + 0.5 * (high - low) * t * t / t[-1])
-    q, current = size * np.sin(phase), np.zeros((_RUNS, len(t)))
-    for k in range(_RUNS):
+    q, current = size * np.sin(phase), np.zeros((count, len(t)))
+    for k in range(count):
         if standard.current == "levels":
-            current[k] = r.current * k / (_RUNS - 1.0)
+            current[k] = r.current * k / (count - 1.0)
         elif standard.current == "staircase":
             current[k] = r.current * np.round(8.0 * (1.0 - np.abs(2.0 * t / t[-1] - 1.0))) / 8.0
         elif standard.current == "steps":
@@ -270,16 +259,16 @@ def _trial(like: Motion, standard: Standard, rng: np.random.Generator) -> Motion
                 current[k, at : at + span] = r.current * (rng.uniform(0.0, 1.0 / 3.0) + (2.0 / 3.0 if upper else 0.0))
                 at, upper = at + span, not upper
     qd = np.gradient(q, dt)
-    qd, qdd, time = (np.tile(x, _RUNS) for x in (qd, np.gradient(qd, dt), t))
+    qd, qdd, time = (np.tile(x, count) for x in (qd, np.gradient(qd, dt), t))
     return _exact(
         like,
-        q=np.tile(q, _RUNS) + 0.5 * (like.q.max() + like.q.min()),
+        q=np.tile(q, count) + 0.5 * (like.q.max() + like.q.min()),
         qd=qd,
         qdd=qdd,
         current=current.ravel(),
         torque=np.zeros(len(qd)),
-        start=np.arange(_RUNS + 1) * len(t),
-        dt=np.full(_RUNS, dt),
+        start=np.arange(count + 1) * len(t),
+        dt=np.full(count, dt),
         time=time,
         slid_time=time,
         heat=np.zeros((len(HEAT_TIMES), len(time))),
@@ -303,7 +292,7 @@ def _rest_and_repeat(problem: Problem, pairs: list[_Pair], names: tuple[str, ...
     for runs in sorted({min(n, count) for n in _REPEATS}):
         motion = repeated(like, rest, runs)
         missed = _least_missed(problem, motion, pairs)
-        if missed > _CHI2:
+        if missed > problem.settings.experiment.chi2:
             break
     run = float(np.median(np.diff(like.start) * like.dt))
     which = "run" if runs == 1 else f"{runs} runs"
@@ -369,7 +358,7 @@ def smallest_sizes(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, 
         for target, (effect, size) in enumerate(some, start=len(fit.slopes)):
             _, inside, _ = losses(equations, fit.free, target)
             curves.setdefault(effect, []).append((size, max(float(inside.sum()), 1e-12)))
-    ranges, need = problem.motion.ranges, _MORE * threshold(problem, fit)
+    ranges, need = problem.motion.ranges, problem.settings.experiment.more * threshold(problem, fit)
     return {effect: _crossing(curve, need, slots_of(effect)[0].parameter, ranges) for effect, curve in curves.items()}
 
 

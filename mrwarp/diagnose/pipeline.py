@@ -42,10 +42,6 @@ from mrwarp.model_file import Model, Parameter, completed, parameter_unit, state
 from mrwarp.recording.load import Holding, Recording
 from mrwarp.sysid.settings import Settings
 
-_TIGHTER = 0.5
-"""Ratio of the spreads of the trajectories' factors from which causes are searched again: where factors may differ
-much, a common one costs next to nothing, and a model's torque drifts away from what was measured."""
-
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load
 def diagnose(
@@ -77,9 +73,9 @@ def diagnose(
     """
     log = progress or (lambda text: None)
     begun = time.perf_counter()
-    if reasons := no_verdict_reasons(recording):
-        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     settings = settings or Settings()
+    if reasons := no_verdict_reasons(recording, settings):
+        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     session = _prepared(recording, effects, settings, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(
         session.recording,
@@ -118,7 +114,7 @@ def diagnose(
         law=session.law,
         line=line,
         sizes=sizes,
-        shifts=() if law else calibration_shifts(selection.final, problem.motion, recording, model),
+        shifts=() if law else calibration_shifts(problem, selection.final, recording, model),
         next_experiment=propose(problem, selection, seed),
         spikes=session.spikes,
         notes=session.notes,
@@ -170,10 +166,10 @@ def _prepared(
     log: Progress,
 ) -> _Session:
     """A recording without the faults that can be undone, its baseline, and a first look at every candidate."""
-    recording, faults = recording_faults(recording)
+    recording, faults = recording_faults(recording, settings)
     for fault in faults:
         log(fault.sentence)
-    recording, decimated = decimate(recording)
+    recording, decimated = decimate(recording, settings.reading)
     given = {"model": model, "settings": settings, "threads": threads, "seed": seed, "log": log}
     problem, base = fit_baseline(recording, **given)
     spikes = spikes_of(problem, base, recording)
@@ -253,13 +249,15 @@ def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]
 def _searched(session: _Session, log: Progress) -> tuple[_Session, Models, Selection, tuple[Rejection, ...]]:
     """Causes that are proven, and those that are not, with the session and the models in which they were found.
 
-    Where all causes together leave less noise than the first of them did, they are searched again with that noise.
+    Where all causes together leave clearly less spread of the trajectories' factors than the first of them did, they
+    are searched again with that noise: where factors may differ much, a common one costs next to nothing, and a model's
+    torque drifts away from what was measured.
     """
     models = Models(session.problem, session.base)
     selection, rejected = select_proven(models, session.screened, log)
     most = rejected[0].fit if rejected else selection.final
     noise = learn_noise(session.problem, most)
-    if noise.gain < _TIGHTER * session.problem.noise.gain:
+    if noise.gain < session.problem.settings.gain.half * session.problem.noise.gain:
         log(f"noise without {', '.join(most.effects)}")
         problem = replace(session.problem, noise=noise)
         session = session.screened_again(problem, refit(problem, session.base))

@@ -39,8 +39,6 @@ from mrwarp.sysid.left_out import left_out
 from mrwarp.sysid.pieces import Pieces, Quadratic
 from mrwarp.sysid.settings import Settings
 
-UNCHANGING = 0.01
-"""Change of the control input, as a share of its largest value, up to which it is the same throughout."""
 _STIFFER = 4.0
 """Factor of the stiffness from which a device behind play or a spring is fitted again."""
 
@@ -74,7 +72,7 @@ class Problem:
     def unchanging(self) -> bool:
         """Whether the control input is the same throughout."""
         current = self.motion.current
-        return bool(np.ptp(current) <= UNCHANGING * np.abs(current).max())
+        return bool(np.ptp(current) <= self.settings.gain.unchanging * np.abs(current).max())
 
     @property
     def impossible(self) -> tuple[str, ...]:

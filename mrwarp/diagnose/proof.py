@@ -130,7 +130,7 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
             continue
         without = float(held_out_squares(problem, models.reported(models.without(selection.final, effect))).sum())
         gain = (without - after) / baseline
-        if gain < problem.settings.proof.part * account.unnamed:
+        if gain < problem.settings.gain.part * account.unnamed:
             times = account.unnamed / max(gain, 1e-9)
             much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
             reason = f"what comes again without a name is {much}: this may be a part of it"
@@ -224,7 +224,7 @@ def _halves_rejection(effect: str, fit: Fit, problem: Problem) -> str:
             bears = np.add.reduceat(halves**2, motion.start[:-1], axis=1)
             whole = bears.sum(axis=1, keepdims=True)
             many = ((bears > settings.gain.share * whole).sum(axis=1) >= settings.gain.few).all()
-            in_many = many and whole.min() > settings.proof.silent * whole.sum()
+            in_many = many and whole.min() > settings.rest.unreported * whole.sum()
             if in_many:
                 break
         if not in_many:

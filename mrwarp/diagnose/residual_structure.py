@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from mrwarp.diagnose.problem import UNCHANGING, Fit, Problem
+from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.identify.dataset import Dataset, Motion, of_commonest_rate
 from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import LINEAR, LINEAR_PART
@@ -23,10 +23,6 @@ LAG = "lag"
 """Form of the functions that are the torque behind lags."""
 _FINE = 14
 """Highest number of periods over the range of the angle that the fine structure resolves."""
-_CHANCE = 1e-5
-"""Chance of a false line in a data set without any."""
-_LOWEST = 6
-"""Fewest periods of a line in a trajectory."""
 _BINS = 24
 """Half of the bins over which the background of a line is taken."""
 
@@ -93,14 +89,15 @@ def groups_along(problem: Problem, fit: Fit) -> list[Group]:
     rows[:, LINEAR_PART] = 0.0
     rows[0, gains], rows[1, gains] = yielding, (1.0, 0.0)
     hysteretic, loop, added = problem.replay.torque(rows).astype(float)  # effects may add torque of their own
-    return make_groups(problem.motion, loop - added, hysteretic - added)
+    return make_groups(problem.motion, loop - added, hysteretic - added, problem.settings.gain.unchanging)
 
 
-def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> list[Group]:
+def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray, unchanging: float) -> list[Group]:
     """The groups of a data set.
 
     ``loop`` is the hysteretic torque per unit of yield gain without current, z/(1 + alpha*|qd|), ``hysteretic`` all of
-    it; both of shape (N,).
+    it; both of shape (N,). ``unchanging`` is the share of its largest value by which a control input may change that is
+    no variable.
     """
     m, r = motion, motion.ranges
     q = 2.0 * (m.q - 0.5 * (m.q.max() + m.q.min())) / r.q
@@ -144,7 +141,7 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> lis
         (("time",), "drift", [time * h, time * hi, time * v, time * sign, time**2 * hi]),
         (("time",), "warming", [w * f for w in (heat, heat_slow) for f in (h, hi, v)]),
     ]
-    if np.ptp(m.current) <= UNCHANGING * np.abs(m.current).max():  # a constant factor is no variable
+    if np.ptp(m.current) <= unchanging * np.abs(m.current).max():  # a constant factor is no variable
         named = [(tuple(v for v in variables if v != "current"), form, x) for variables, form, x in functions]
         functions = [row for row in named if row[0]]
     found = [
@@ -197,16 +194,16 @@ def find_line(problem: Problem, fit: Fit) -> Line | None:
         x = x - basis @ (basis.T @ x)
         power = np.abs(np.fft.rfft(x, length)) ** 2 / len(x)
         powers.append(power / np.maximum(_local_median(power) / np.log(2.0), 1e-12))
-    if len(powers) < 4:
+    if len(powers) < problem.settings.gain.few:
         return None
     powers = np.array(powers)
     frequency = np.fft.rfftfreq(length, dt)
-    inner = slice(_LOWEST, len(frequency) - 4)
+    inner = slice(problem.settings.rest.line_periods, len(frequency) - 4)
     half = (len(powers) + 1) // 2
     ordered = np.sort(powers, axis=0)[-half]
     chance = binom.sf(half - 1, len(powers), np.exp(-ordered)) * len(frequency)
     best = int(np.argmin(chance[inner])) + inner.start
-    if chance[best] > _CHANCE:
+    if chance[best] > problem.settings.rest.line_chance:
         return None
     gain = float(np.sum(np.maximum(2.0 * powers[:, best] - 2.0, 0.0)))
     return Line(frequency=float(frequency[best]), gain=gain)

@@ -260,12 +260,16 @@ class Diagnosis:
             gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
         plain = ("verdict", "final", "seconds", "sentence", "cannot_know", "invisible", "notes")
         rows = ("recording_faults", "causes", "suspects", "parameter_shift", "tried")
-        parts = ("unexplained", "baseline", "next_experiment", "account", "accounting")
+        parts = ("unexplained", "baseline", "next_experiment", "accounting")
+        account = None
+        if self.account is not None:
+            account = {name: x for name, x in asdict(self.account).items() if name != "unreported"}
         return {
             **{name: getattr(self, name) for name in plain},
             **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
             **{name: [asdict(row) for row in getattr(self, name)] for name in rows},
             **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
+            "account": account,
             "law": self._law(),
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},

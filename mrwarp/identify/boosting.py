@@ -14,13 +14,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from mrwarp.identify.dataset import Motion
+from mrwarp.identify.dataset import MOVING, Motion
 from mrwarp.sysid.least_squares import ridge_solve
 
 _PAST = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.0)
 """How far back the features look [s]."""
-_SAMPLES = 12_000
-"""Samples that are learned from and predicted."""
 _FOLDS = 5
 _RIDGE = 1e-3
 """Ridge of the smooth functions, relative to their size."""
@@ -31,8 +29,6 @@ _FAR = 1.5
 _NEAR, _CLOSEST = 0.1, 0.3
 """Largest distance of two samples whose motion is the same, in standard deviations; of these the closest count, as a
 share of all samples."""
-_MOVING = 0.05
-"""Least speed, as a share of the typical one: at rest the torque depends on what was long ago."""
 _PAIRS, _RUNS = 200, 3
 """Fewest pairs, and fewest runs with some, that say anything."""
 _BLOCK = 400
@@ -49,7 +45,7 @@ _SETTINGS = {
 }
 
 
-def chosen_samples(motion: Motion, weight: np.ndarray, limit: int = _SAMPLES) -> np.ndarray:
+def chosen_samples(motion: Motion, weight: np.ndarray, limit: int) -> np.ndarray:
     """Indices of at most about ``limit`` samples that count, evenly over every trajectory."""
     known = np.flatnonzero(weight > 0.0)
     every = max(1, -(-len(known) // limit))
@@ -151,7 +147,8 @@ def spread_where_it_repeats(motion: Motion, mismatch: np.ndarray, at: np.ndarray
     """
     counts, spreads = np.zeros(len(motion.dt)), np.zeros(len(motion.dt))
     typical = float(motion.q.std() / max(motion.qd.std(), 1e-12))
-    at = at[np.abs(motion.qd[at]) > _MOVING * motion.ranges.qd]
+    # at rest the torque depends on what was long ago
+    at = at[np.abs(motion.qd[at]) > MOVING * motion.ranges.qd]
     run = np.searchsorted(motion.start, at, side="right") - 1
     if len(at) < 2 * _PAIRS:
         return counts, spreads

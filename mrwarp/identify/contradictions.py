@@ -12,7 +12,6 @@ import numpy as np
 from scipy.optimize import nnls
 
 from mrwarp.identify.checks.refusal_reason import (
-    EXPLAINS_NOTHING,
     UNLIKELY,
     by_place,
     explains_nothing,
@@ -22,12 +21,11 @@ from mrwarp.identify.checks.refusal_reason import (
 )
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
+from mrwarp.sysid.settings import Data
 
 if TYPE_CHECKING:
     from mrwarp.identify.dataset import Dataset
 
-MIN_TRAJECTORIES = 3
-"""Fewest trajectories of which one can be predicted by the others."""
 _FOLLOWED = 0.02
 """Part of the torque's variance that motion and current must predict, by the plainest laws of a passive joint."""
 _BY_CURRENT = 1e-3
@@ -116,13 +114,14 @@ def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_o
         recording: What was fitted.
         data: Its samples.
         nrmse: Error of the fit over the torque's standard deviation.
-        held_out: The same of trajectories that took no part; it counts where there are :data:`MIN_TRAJECTORIES`.
+        held_out: The same of trajectories that took no part; it counts where there are enough.
 
     Raises:
         RecordingError: with what the torque follows instead.
     """
-    worst = max(nrmse, held_out) if len(recording.trajectories) >= MIN_TRAJECTORIES else nrmse
-    if worst >= EXPLAINS_NOTHING:
+    needed = Data()
+    worst = max(nrmse, held_out) if len(recording.trajectories) >= needed.runs else nrmse
+    if worst >= needed.nothing:
         raise RecordingError(f"{recording.source or 'recording'}: {explains_nothing(worst, data, recording.units)}")
 
 

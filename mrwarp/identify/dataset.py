@@ -28,8 +28,8 @@ _GOLDEN = 0.618
 """The golden section."""
 _SAME_RATE = 0.01
 """Relative difference of two sampling steps up to which they are one rate: clocks differ by less."""
-_MOVING = 0.05
-"""Part of the typical speed above which the joint moves."""
+MOVING = 0.05
+"""Part of the typical speed above which the joint moves, and of the largest input from which it steps."""
 _WHOLE = 0.95
 """Part of a turn that counts as a whole one."""
 
@@ -305,7 +305,7 @@ class Motion(Dataset):
             speed = np.abs(self.qd[part])
             path = np.concatenate([[0.0], np.cumsum(speed)])
             ahead = path[length // 10 : length // 10 + size - length + 1] - path[: size - length + 1]
-            moves = speed[: size - length + 1] > _MOVING * self.ranges.qd
+            moves = speed[: size - length + 1] > MOVING * self.ranges.qd
             begins = np.flatnonzero(moves & (2.0 * ahead > ahead.max()))
             if len(begins):
                 first = part.start + int(begins[np.argmin(np.abs(begins + part.start - first))])
@@ -328,7 +328,7 @@ class Motion(Dataset):
     def under_way(self) -> Motion:
         """The motion with trajectories that begin while the joint moves taken as cut out of a longer motion."""
         first = self.qd[self.start[:-1]]
-        begin = np.where(np.abs(first) > _MOVING * self.ranges.qd, np.sign(first), 0.0)
+        begin = np.where(np.abs(first) > MOVING * self.ranges.qd, np.sign(first), 0.0)
         return dataclasses.replace(self, begin=begin)
 
 

@@ -33,16 +33,11 @@ from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.least_squares import Rules, minimise, ridge_solve
 from mrwarp.sysid.left_out import predicted
 from mrwarp.sysid.pieces import Pieces, Quadratic
+from mrwarp.sysid.settings import Effort, Law
 
-_STARTS_ON = 12_000
-"""Samples on which starts are searched."""
 _STARTS_RUNS = 16
 """Trajectories to which these may fall, where there are many short ones."""
 _STARTS = 2
-_SATURATES = 0.03
-"""Share of the squared held-out error by which a saturating coefficient must be better than a straight line."""
-_MOVED = 0.85
-"""Ratio of squared errors, with a zero for each trajectory to one for all, below which the zeros differ."""
 _RULES = Rules(iterations=25, gained=lambda gain, loss: gain < 1e-5 * loss)
 _ROUGH = Rules(iterations=10, gained=lambda gain, loss: gain < 1e-3 * loss)
 
@@ -181,7 +176,14 @@ class LawSearch:
 
 
 def law_search(
-    motion: Motion, q_zero: float, name: str, *, offsets: bool, effects: Sequence[str] = (), threads: int = 1
+    motion: Motion,
+    q_zero: float,
+    name: str,
+    *,
+    offsets: bool,
+    limit: int,
+    effects: Sequence[str] = (),
+    threads: int = 1,
 ) -> Solution:
     """The best fit of one law, from starts on a part of the samples.
 
@@ -190,12 +192,11 @@ def law_search(
         q_zero: Angle from which q_c counts, normalised.
         name: The law.
         offsets: Whether each trajectory has a zero of its own.
+        limit: Samples of the starts.
         effects: Further effects.
         threads: CPU threads.
     """
-    small = LawSearch(
-        EffectReplay(motion.stretches(_STARTS_ON, _STARTS_RUNS), threads=threads), q_zero, offsets=offsets
-    )
+    small = LawSearch(EffectReplay(motion.stretches(limit, _STARTS_RUNS), threads=threads), q_zero, offsets=offsets)
     whole = LawSearch(EffectReplay(motion, threads=threads), q_zero, offsets=offsets)
     layout = whole.layout([name])
     rough = min((small.descend(layout, x, _ROUGH) for x in small.starts(layout)), key=lambda s: float(s.loss.sum()))
@@ -222,13 +223,13 @@ def fit_law(
     refuse_contradictions(recording)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     motion = Motion.of(recording)
-    scales, runs = motion.scales, recording.trajectories
+    scales, runs, decides = motion.scales, recording.trajectories, Law()
     centres = [0.0, float(np.median([0.5 * (run.q.min() + run.q.max()) for run in runs]))]
     levels = len(np.unique(np.round(motion.current, 2)))
     with_effects = ["current_viscosity"] if levels > 1 else []
     log(f"{HYSTERESIS[name].title}: starts")
     fits = [
-        law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, effects=with_effects)
+        law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, limit=Effort().samples, effects=with_effects)
         for centre in (centres if "side" in HYSTERESIS[name].depends_on else centres[:1])
     ]
     best = min(fits, key=lambda s: float(s.loss.sum()))
@@ -238,12 +239,12 @@ def fit_law(
         log("saturation over the control input")
         grown = search.layout([*best.layout.effects, "current_saturation"])
         bent = search.descend(grown, best.layout.grown(best.x, grown.effects))
-        if bent.held_out.sum() < (1.0 - _SATURATES) * best.held_out.sum():
+        if bent.held_out.sum() < (1.0 - decides.simpler) * best.held_out.sum():
             best = bent
-    plain = one_zero(best, search.replay)
+    plain = one_zero(best, search.replay, decides.moved)
     offsets: dict[str, float] = {}
     warnings = []
-    if zeros_moved(best, plain):
+    if zeros_moved(best, plain, decides.moved):
         best, zeros = _with_zeros(search, best)
         offsets = {run.id: float(zero) * scales.torque for run, zero in zip(runs, zeros, strict=True)}
         warnings.append(_moving_zeros(recording.units["torque"], np.array(list(offsets.values()))))
@@ -299,23 +300,23 @@ def _with_zeros(search: LawSearch, best: Solution) -> tuple[Solution, np.ndarray
     return found, np.array(mean)
 
 
-def one_zero(found: Solution, replay: EffectReplay) -> Solution:
+def one_zero(found: Solution, replay: EffectReplay, moved: float) -> Solution:
     """A law with one zero for all trajectories, and with friction that differs by direction where that is a clear gain.
 
     Such friction moves the mean of a trajectory as well, the more the faster it runs.
     """
     search = LawSearch(replay, found.layout.q_zero, offsets=False)
     shared = search.descend(found.layout, found.x)
-    if not zeros_moved(found, shared):
+    if not zeros_moved(found, shared, moved):
         return shared
     layout = search.layout([*found.layout.effects, "friction_asymmetry"])
     directed = search.descend(layout, found.layout.grown(shared.x, layout.effects))
-    return directed if zeros_moved(directed, shared) else shared
+    return directed if zeros_moved(directed, shared, moved) else shared
 
 
-def zeros_moved(separate: Solution, together: Solution) -> bool:
+def zeros_moved(separate: Solution, together: Solution, moved: float) -> bool:
     """Whether zeros of the trajectories' own leave clearly less than one zero for all does."""
-    return bool(separate.loss.sum() < _MOVED * together.loss.sum())
+    return bool(separate.loss.sum() < moved * together.loss.sum())
 
 
 def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:

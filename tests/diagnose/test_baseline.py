@@ -5,15 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose import baseline
 from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate, smooth_motion
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, refit
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.settings import Reading
 from tests.diagnose import known
 
 INERTIA = {"rotor_inertia": {"inertia": 0.02}}
+FEW = Reading(samples=10)
 STIFF = {"beta": 60.0, "gamma": -20.0}
 """A hysteresis that has mostly yielded by the time the runs are cut."""
 
@@ -41,26 +42,22 @@ def _swings(rates: tuple[float, ...], seconds: float = 2.0) -> Recording:
 def test_short_recordings_stay_as_they_are() -> None:
     """Up to the limit, at any rate."""
     recording = _swings((3000.0, 3000.0))
-    assert decimate(recording) == (recording, None)
+    assert decimate(recording, Reading()) == (recording, None)
 
 
 @pytest.mark.parametrize(("limit", "rates"), [(9000, (1000.0, 1000.0, 200.0)), (4000, (600.0, 600.0, 200.0))])
-def test_fast_trajectories_are_thinned_until_they_are_few(
-    monkeypatch: pytest.MonkeyPatch, limit: int, rates: tuple[float, ...]
-) -> None:
+def test_fast_trajectories_are_thinned_until_they_are_few(limit: int, rates: tuple[float, ...]) -> None:
     """By odd factors, equal for all; slow trajectories stay."""
-    monkeypatch.setattr(baseline, "LIMIT", limit)
     recording = _swings((3000.0, 3000.0, 200.0))
-    out, note = decimate(recording)
+    out, note = decimate(recording, Reading(samples=limit))
     assert [round(1.0 / run.dt) for run in out.trajectories] == list(rates)
     assert out.samples <= limit and note is not None and str(out.samples) in note
     assert out.trajectories[2] is recording.trajectories[2]
 
 
-def test_thinned_motion_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_thinned_motion_is_the_same() -> None:
     """At the samples that are left: motion without a shift, the current one step, torque and temperature as logged."""
-    monkeypatch.setattr(baseline, "LIMIT", 10)
-    run = decimate(_swings((1000.0,)))[0].trajectories[0]
+    run = decimate(_swings((1000.0,)), FEW)[0].trajectories[0]
     w = 4.0 * np.pi
     assert 1.0 / run.dt == pytest.approx(1000.0 / 3.0)
     np.testing.assert_allclose(run.q, np.sin(w * run.t), atol=1e-4)
@@ -71,21 +68,19 @@ def test_thinned_motion_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.array_equal(run.current, np.where(run.t < 1.0, 0.5, 1.5))
 
 
-def test_rates_under_the_least_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rates_under_the_least_are_left() -> None:
     """However long they are."""
-    monkeypatch.setattr(baseline, "LIMIT", 10)
     recording = _swings((500.0, 250.0))
-    assert decimate(recording) == (recording, None)
+    assert decimate(recording, FEW) == (recording, None)
 
 
-def test_quick_torque_is_not_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quick_torque_is_not_thinned() -> None:
     """Ten samples per period stay, or an acceleration would be too small: 60 Hz at 1 kHz is not thinned."""
-    monkeypatch.setattr(baseline, "LIMIT", 10)
     slow = _swings((1000.0,))
     run = slow.trajectories[0]
     quick = dataclasses.replace(run, torque=run.torque + 2.0 * np.sin(2.0 * np.pi * 60.0 * run.t))
-    assert decimate(slow)[0].samples < slow.samples
-    assert decimate(dataclasses.replace(slow, trajectories=(quick,)))[1] is None
+    assert decimate(slow, FEW)[0].samples < slow.samples
+    assert decimate(dataclasses.replace(slow, trajectories=(quick,)), FEW)[1] is None
 
 
 def _cut(long: Motion, first: int) -> Motion:

@@ -10,7 +10,7 @@ from tests.diagnose import known
 def shifts(seed: int = 20, **changes: float) -> list:
     """Shifts of the fitted joint against the paper's."""
     problem = known.problem(seed=seed, at=known.motion(seed, runs=6, seconds=3.0), **changes)
-    found = find_shift(known.fitted(problem), known.TRUTH, float(np.ptp(problem.motion.torque)))
+    found = find_shift(known.fitted(problem), known.TRUTH, float(np.ptp(problem.motion.torque)), problem.settings)
     return [] if found is None else [found]
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose import diagnose
-from mrwarp.diagnose.data_checks import MIN_SAMPLES, MIN_SECONDS, MIN_TRAJECTORIES, gaps, no_verdict_reasons
+from mrwarp.diagnose.data_checks import gaps, no_verdict_reasons
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.settings import Data, Settings
 
 
 def good(runs: int = 6, seconds: float = 4.0, dt: float = 0.005) -> Recording:
@@ -91,9 +92,9 @@ def test_joint_that_trembles_does_not_move() -> None:
 
 def test_limits_are_those_that_are_stated() -> None:
     """At the limits themselves a verdict is possible."""
-    assert MIN_TRAJECTORIES == 3 and no_verdict_reasons(good(runs=3, seconds=4.0)) == []
-    assert no_verdict_reasons(good(runs=5, seconds=MIN_SECONDS / 5)) == []
-    assert round(MIN_SECONDS * 100.0) < MIN_SAMPLES
+    assert no_verdict_reasons(good(runs=3, seconds=4.0)) == []
+    assert no_verdict_reasons(good(runs=5, seconds=2.0)) == []
+    assert no_verdict_reasons(good(runs=3, seconds=4.0), Settings(data=Data(runs=4)))
 
 
 @pytest.mark.parametrize(

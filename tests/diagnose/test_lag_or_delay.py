@@ -9,6 +9,7 @@ import pytest
 from mrwarp.diagnose import lag_or_delay
 from mrwarp.diagnose.lag_or_delay import DELAY, LAG, StepResponses, decided_by_steps, more_likely, size_from
 from mrwarp.diagnose.problem import Fit
+from mrwarp.sysid.settings import Settings
 
 DT = 0.005
 
@@ -31,7 +32,7 @@ def steps(
 @pytest.mark.parametrize("effect", [LAG, DELAY])
 def test_truth_is_told(effect: str, size: float, common: bool) -> None:
     """In 20 sets the truth is named or nothing, and mostly the truth."""
-    known = [more_likely(steps(effect, size, seed=seed, common=common)) for seed in range(20)]
+    known = [more_likely(steps(effect, size, seed=seed, common=common), 12.0) for seed in range(20)]
     assert set(known) <= {effect, None}
     assert known.count(effect) >= (12 if common else 20)
 
@@ -59,7 +60,7 @@ def test_without_steps_that_are_late_nothing_is_told() -> None:
     none = StepResponses(
         late=0.08 * rng.normal(size=(40, 3)), error=np.full((40, 3), 0.08), trajectory=np.zeros(40, int), dt=DT
     )
-    assert more_likely(none) is None
+    assert more_likely(none, 12.0) is None
 
 
 @pytest.mark.parametrize(("named", "other"), [(LAG, DELAY), (DELAY, LAG)])
@@ -70,7 +71,7 @@ def test_undecided_is_an_alternative(named: str, other: str, known: str, monkeyp
     rival = SimpleNamespace(total=90.0 if known == "fits of other sizes" else 30.0)
     found = None if known == "too few steps" else steps(named, 0.004, noise=0.08 if known == "one of them" else 20.0)
     models: Any = SimpleNamespace(
-        problem=None,
+        problem=SimpleNamespace(settings=Settings()),
         added=lambda fit: ["wear", named],
         without=lambda fit, name: without,
         screened=lambda fit, effects: effects,

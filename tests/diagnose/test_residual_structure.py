@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from mrwarp.diagnose.problem import threshold
 from mrwarp.diagnose.residual_structure import Group, Line, find_line, leftovers, make_groups, without_line
 from mrwarp.identify.dataset import Dataset, Motion, Scales
+from mrwarp.sysid.settings import Settings
 from tests.diagnose import known
 
 WORDS = {"q", "qd", "qdd", "current", "time", "memory"}
@@ -19,7 +20,7 @@ WORDS = {"q", "qd", "qdd", "current", "time", "memory"}
 def groups(motion: Motion) -> list[Group]:
     """Groups along some loop."""
     loop = np.tanh(3.0 * motion.qd)
-    return make_groups(motion, loop, (0.4 + motion.current) * loop)
+    return make_groups(motion, loop, (0.4 + motion.current) * loop, 0.02)
 
 
 def test_groups_are_finite_named_and_not_constant() -> None:
@@ -53,8 +54,8 @@ def test_functions_do_not_depend_on_the_units() -> None:
         current=6.0 * s.current,
     )
     loop = np.tanh(3.0 * s.qd)
-    here = make_groups(motion, loop, 2.0 * loop)
-    there = make_groups(other, 0.04 * loop, 10.0 * loop)
+    here = make_groups(motion, loop, 2.0 * loop, 0.02)
+    there = make_groups(other, 0.04 * loop, 10.0 * loop, 0.02)
     for a, b in zip(here, there, strict=True):
         np.testing.assert_allclose(b.rows, a.rows, rtol=1e-9, atol=1e-12)
 
@@ -112,7 +113,7 @@ def samples(lengths: list[int]) -> Dataset:
 def line_in(mismatch: np.ndarray, torque: np.ndarray, lengths: list[int]) -> Line | None:
     """The line in a mismatch next to a simulated torque, in white noise of size 1."""
     data = dataclasses.replace(samples(lengths), torque=mismatch + torque)
-    problem: Any = SimpleNamespace(motion=data, noise=known.white(1.0))
+    problem: Any = SimpleNamespace(motion=data, noise=known.white(1.0), settings=Settings())
     fit: Any = SimpleNamespace(torque=torque)
     return find_line(problem, fit)
 

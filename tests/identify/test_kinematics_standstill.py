@@ -11,6 +11,7 @@ from mrwarp.identify.dataset import Motion
 from mrwarp.identify.kinematics import angle_noise, known_velocity, reconstruct, resting
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.settings import Settings
 from tests.diagnose import known
 
 STEP, Q_NOISE, V_NOISE = 3e-4, 3e-4 / np.sqrt(12.0), 0.01
@@ -123,7 +124,7 @@ def test_torque_that_grows_in_rests_is_of_a_drive(rises: bool, sticks: bool) -> 
         runs.append(dataclasses.replace(run, torque=torque))
     motion = Motion.of(Recording(trajectories=tuple(runs)), rests=True)
     assert len(motion.rests) == 6
-    assert driven(motion) == sticks
+    assert driven(motion, Settings()) == sticks
 
 
 @pytest.mark.parametrize("smoothing", [1.0, 4.0])

@@ -13,7 +13,7 @@ GROUPS = [field.default_factory for field in fields(Settings)]
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_every_setting_is_documented(group: Any) -> None:
-    """What it is, its range, what a higher value makes rarer and what more frequent, and what set it."""
+    """Its meaning, its range, what a higher value makes rarer and what more frequent, and what set it."""
     rows = list(described(group))
     assert [row.name for row in rows] == [field.name for field in fields(group)]
     for row in rows:

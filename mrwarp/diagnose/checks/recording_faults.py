@@ -25,31 +25,7 @@ from mrwarp.identify.checks.shared_fit import LEAST_GROUP, RunTable, SharedFit
 from mrwarp.identify.contradictions import DRIVES, opposed, resists
 from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
-
-_LEAST_RUNS = 4
-_GAP, _GAIN_GAP = 2.0, 0.7
-"""Least width of the gap between two groups, in ranges of the wider group: of zeros, and of logarithms of factors."""
-_ERRORS = 6.0
-"""Least width of the gap, in standard errors of a run."""
-_ZERO, _GAIN = 0.05, 0.25
-"""Smallest moved zero, in standard deviations of the torque, and smallest other gain that are reported [1]."""
-_FITS, _SIMILAR, _MOST = 0.7, 1.6, 0.7
-"""Least correlation of a run with what the others say (turned round if it is called reversed), largest factor, and
-share of the runs for which both hold."""
-_OWN = 0.5
-"""Part of the power that most runs take from the motion from which a run resists, too, however small it is: a load that
-depends on the place takes none, and may have the other sign without any fault."""
-_AS_WELL = 1.5
-"""After rescaling, a run's error may be at most this multiple of the median run's."""
-_CONFOUNDED = 0.8
-"""Share of the offsets' variance that place and control input of the runs may explain."""
-_FAR = 2.0
-"""Least factor by which the other group's coefficients leave more of each run than its own group's."""
-_PREDICTED = 2.0
-"""That factor for the middle run of each group where its own group does not have the run: one that is alone with
-its control input is predicted by no other."""
-_BOOSTING, _LEARNED = 1.25, 6000
-"""That factor against boosting that learns from runs of both groups, and most samples that it learns from."""
+from mrwarp.sysid.settings import Faults, Settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,23 +46,26 @@ class RecordingFault:
     sentence: str
 
 
-def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFault, ...]]:
+def recording_faults(
+    recording: Recording, settings: Settings | None = None
+) -> tuple[Recording, tuple[RecordingFault, ...]]:
     """The faults of a recording, and the recording without them: signs turned, zeros and factors taken out.
 
     Runs of another device are left out.
     """
     found: list[RecordingFault] = []
-    if len(recording.trajectories) < _LEAST_RUNS:
+    settings = settings or Settings()
+    if len(recording.trajectories) < settings.gain.few:
         return recording, ()
     table = RunTable(recording)
     if not table.usable:
         return recording, ()
     for look in (_reversed_runs, _other_device, _moved_zero, _other_gain):
-        fault = look(recording, table)
+        fault = look(recording, table, settings)
         if fault is not None:
             found.append(fault)
             recording = _mended(recording, fault)
-            if len(recording.trajectories) < _LEAST_RUNS:
+            if len(recording.trajectories) < settings.gain.few:
                 break
             if fault.kind == "other_device":
                 table = RunTable(recording)
@@ -94,11 +73,12 @@ def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFa
     return recording, tuple(found)
 
 
-def turned_signs(recording: Recording) -> tuple[Recording, RecordingFault | None]:
+def turned_signs(recording: Recording, settings: Settings | None = None) -> tuple[Recording, RecordingFault | None]:
     """The recording with the torque turned of the few runs that fit the others with the other sign only."""
-    if len(recording.trajectories) < _LEAST_RUNS or not (table := RunTable(recording)).usable:
+    settings = settings or Settings()
+    if len(recording.trajectories) < settings.gain.few or not (table := RunTable(recording)).usable:
         return recording, None
-    fault = _reversed_runs(recording, table)
+    fault = _reversed_runs(recording, table, settings)
     return (recording if fault is None else _mended(recording, fault)), fault
 
 
@@ -110,22 +90,23 @@ def zeros_about(recording: Recording, zeros: Mapping[str, float], moved: Sequenc
     return _fault(recording, "torque_zero", far, values, recording.units["torque"], 0.0)
 
 
-def _similar(fit: SharedFit) -> np.ndarray:
+def _similar(fit: SharedFit, faults: Faults) -> np.ndarray:
     """Runs that what all agree on fits."""
     factors, fits = fit.factors()
-    return (fits > _FITS) & (np.abs(np.log(np.maximum(factors, 1e-3))) < np.log(_SIMILAR))
+    return (fits > faults.agree) & (np.abs(np.log(np.maximum(factors, 1e-3))) < np.log(faults.similar))
 
 
-def _moved_zero(recording: Recording, table: RunTable) -> RecordingFault | None:
-    fit = table.fit
-    similar = _similar(fit)
-    if np.mean(similar) < _MOST:
+def _moved_zero(recording: Recording, table: RunTable, settings: Settings) -> RecordingFault | None:
+    fit, faults = table.fit, settings.faults
+    similar = _similar(fit, faults)
+    if np.mean(similar) < faults.agree:
         return None  # one description does not fit the runs: an offset would stand for something else
     rest = [y - x @ fit.coefficients for x, y in zip(fit.rows, table.torque, strict=True)]
     offsets = np.array([r.mean() for r in rest])
     # a run's cycles are few and similar: its own slow misfit is the error of its offset
-    split = _two_groups(offsets, _GAP, max(_ZERO * table.std, _ERRORS * _rms([_error_of_mean(r) for r in rest])))
-    if split is None or _explained(offsets, table.places):
+    error = _rms([_error_of_mean(r) for r in rest])
+    split = _two_groups(offsets, faults.gap, max(settings.gain.detail * table.std, settings.spikes.far * error))
+    if split is None or _explained(offsets, table.places, faults.explained):
         return None
     halves = np.array([[r[: len(r) // 2].mean(), r[len(r) // 2 :].mean()] for r in rest])
     if not _lasts(halves, split, offsets):
@@ -137,11 +118,11 @@ def _moved_zero(recording: Recording, table: RunTable) -> RecordingFault | None:
     return _fault(recording, "torque_zero", far, offsets - zero, recording.units["torque"], zero)
 
 
-def _explained(offsets: np.ndarray, places: np.ndarray) -> bool:
-    """Whether offsets follow from where the runs are and what drives them."""
+def _explained(offsets: np.ndarray, places: np.ndarray, share: float) -> bool:
+    """Whether this share of the offsets' variance follows from where the runs are and what drives them."""
     design = np.column_stack([np.ones(len(offsets)), places])
     left = offsets - design @ np.linalg.lstsq(design, offsets, rcond=1e-6)[0]
-    return float(np.var(left)) < (1.0 - _CONFOUNDED) * float(np.var(offsets))
+    return float(np.var(left)) < (1.0 - share) * float(np.var(offsets))
 
 
 def _error_of_mean(r: np.ndarray) -> float:
@@ -161,59 +142,64 @@ def _lasts(halves: np.ndarray, split: tuple[np.ndarray, np.ndarray], values: np.
     return bool((halves[high].min(axis=0) - halves[low].max(axis=0) > 0.5 * gap).all())
 
 
-def _reversed_runs(recording: Recording, table: RunTable) -> RecordingFault | None:
+def _reversed_runs(recording: Recording, table: RunTable, settings: Settings) -> RecordingFault | None:
     runs = recording.trajectories
     _, fits = table.fit.factors()
     # eq. 14 says which sign is right where friction shows it, else most runs do
     driving = np.isin([run.id for run in runs], opposed(runs))
     powers = np.array([resists(run.torque, run.qd) for run in runs])
-    passive = powers > np.clip(_OWN * np.median(powers), 0.0, DRIVES)
-    turns = driving | ((fits < -_FITS) & ~passive)
+    # a load that depends on the place takes no power, and may have the other sign without any fault
+    passive = powers > np.clip(settings.gain.half * np.median(powers), 0.0, DRIVES)
+    turns = driving | ((fits < -settings.faults.agree) & ~passive)
     turned = np.flatnonzero(turns)
     if not len(turned) or 2 * len(turned) >= len(fits):
         return None
     signs = np.where(turns, -1.0, 1.0)
     fault = _fault(recording, "torque_sign", turned, signs, "1", 1.0)
     table.take(_mended(recording, fault))
-    similar = _similar(table.fit)
-    return fault if similar[turned].all() and np.mean(similar) > _MOST else None
+    similar = _similar(table.fit, settings.faults)
+    return fault if similar[turned].all() and np.mean(similar) > settings.faults.agree else None
 
 
-def _other_gain(recording: Recording, table: RunTable) -> RecordingFault | None:
+def _other_gain(recording: Recording, table: RunTable, settings: Settings) -> RecordingFault | None:
+    limits = settings.faults
     factors, fits = table.fit.factors()
-    if factors.min() <= 0.0 or np.mean(fits > _FITS) < _MOST:
+    if factors.min() <= 0.0 or np.mean(fits > limits.agree) < limits.agree:
         return None
-    split = _two_groups(np.log(factors), 0.5 * _GAIN_GAP, 0.5 * np.log1p(_GAIN))
+    split = _two_groups(np.log(factors), 0.5 * limits.gain_gap, 0.5 * np.log1p(limits.gain))
     if split is None:
         return None
     # once more by the runs that agree alone: the others bend what all say together
     agree = max(split, key=len)
     factors, fits = table.fit.factors(agree.tolist())
-    split = _two_groups(np.log(np.maximum(factors, 1e-3)), _GAIN_GAP, np.log1p(_GAIN))
+    split = _two_groups(np.log(np.maximum(factors, 1e-3)), limits.gain_gap, np.log1p(limits.gain))
     if split is None:
         return None
     most, few = sorted(split, key=len, reverse=True)
     if np.isin(few, agree).any():
         return None  # by another look at the same runs others stand out: that is the description, not the runs
     covered = _covered(recording, table.conditions[:, 2:4], few, most)
-    if 3 * len(few) > len(factors) or not (fits[few] > _FITS).all() or not covered:
+    if 3 * len(few) > len(factors) or not (fits[few] > limits.agree).all() or not covered:
         return None
     left = 1.0 - fits**2  # after its own factor, as a share of the run's energy
-    if left[few].max() > _AS_WELL**2 * np.median(left[most]):
+    if left[few].max() > limits.as_well**2 * np.median(left[most]):
         return None  # no factor makes them runs like the others
     return _fault(recording, "torque_gain", few, factors, "1", 1.0)
 
 
-def _other_device(recording: Recording, table: RunTable) -> RecordingFault | None:
-    fit = table.richer()
+def _other_device(recording: Recording, table: RunTable, settings: Settings) -> RecordingFault | None:
+    fit, limits = table.richer(), settings.faults
     second = fit.two_devices()
     if min(second.sum(), (~second).sum()) < LEAST_GROUP:
         return None
     by_other, by_own, by_rest = fit.left_by_groups(second)
     distance = np.sqrt(by_other / by_own)
-    if distance.min() < _FAR or _better(by_rest, by_other, second) < _PREDICTED or _separable(table.conditions, second):
+    # one that is alone with its control input is predicted by no other: the middle run of each group counts
+    near = distance.min() < limits.other or _better(by_rest, by_other, second) < limits.other
+    if near or _separable(table.conditions, second):
         return None
-    if _better(by_rest, _left_by_boosting(recording, fit, table.every), second) < _BOOSTING:
+    by_both = _left_by_boosting(recording, fit, table.every, settings.effort.samples // 2)
+    if _better(by_rest, by_both, second) < limits.boosting:
         return None
     few = second if (second.sum(), second[0]) < ((~second).sum(), not second[0]) else ~second
     runs = np.flatnonzero(few)
@@ -221,8 +207,8 @@ def _other_device(recording: Recording, table: RunTable) -> RecordingFault | Non
     gain = float(np.median(factors[few]))
     most = fit.agreed(~few / np.maximum(fit.spread**2, 1e-30))
     own = fit.agreed(few / np.maximum(fit.spread**2, 1e-30))
-    if gain > 0.0 and (fit.left_by(gain * most) < _FAR**2 * fit.left_by(own))[runs].all():
-        similar = bool((fits[few] > _FITS).all()) and abs(math.log(gain)) > math.log1p(_GAIN)
+    if gain > 0.0 and (fit.left_by(gain * most) < limits.other**2 * fit.left_by(own))[runs].all():
+        similar = bool((fits[few] > limits.agree).all()) and abs(math.log(gain)) > math.log1p(limits.gain)
         return _fault(recording, "torque_gain", runs, factors, "1", 1.0) if similar else None
     return _fault(recording, "other_device", runs, np.where(few, distance, 1.0), "1", 1.0)
 
@@ -233,7 +219,7 @@ def _better(by_rest: np.ndarray, otherwise: np.ndarray, second: np.ndarray) -> f
     return min(float(np.median(ratio[group])) for group in (second, ~second))
 
 
-def _left_by_boosting(recording: Recording, fit: SharedFit, every: int) -> np.ndarray:
+def _left_by_boosting(recording: Recording, fit: SharedFit, every: int, samples: int) -> np.ndarray:
     """Rest of each run by boosting after learning on other runs of either group, as mean square, shape (R,)."""
     from mrwarp.identify.boosting import cross_predicted  # most recordings do without, and so does `mrwarp check`
     from mrwarp.identify.dataset import Motion
@@ -242,7 +228,7 @@ def _left_by_boosting(recording: Recording, fit: SharedFit, every: int) -> np.nd
     kept = np.concatenate([np.arange(part.start, part.stop, every) for part in motion.parts])
     smooth = np.zeros((fit.rows[0].shape[1], len(motion.q)))
     smooth[:, kept] = np.concatenate(fit.rows).T
-    at = kept[:: -(-len(kept) // _LEARNED)]
+    at = kept[:: -(-len(kept) // samples)]
     left = (motion.torque[at] - cross_predicted(motion, at, motion.torque, smooth=smooth)) * motion.scales.torque
     run = np.searchsorted(motion.start, at, side="right") - 1
     return np.array([np.var(left[run == k]) for k in range(len(fit.rows))])

@@ -60,10 +60,10 @@ def spikes_of(problem: Problem, fit: Fit, recording: Recording) -> Spikes | None
     for _ in range(_ROUNDS):
         known, goal = table[:, near], mismatch[near].astype(np.float32)
         left = mismatch - ridge_solve((known @ known.T).astype(float), (known @ goal).astype(float), 1e-5) @ table
-        before, near = near, counts & ~far_off(left, motion, counts)
+        before, near = near, counts & ~far_off(left, motion, counts, problem.settings.spikes.far)
         if (near == before).all():
             break
-    found = find_spikes(left, motion.torque - left, motion, counts)
+    found = find_spikes(left, motion.torque - left, motion, counts, problem.settings)
     if not found.any():
         return None
     names = [run.id for run in recording.trajectories]

@@ -11,29 +11,16 @@ import numpy as np
 from scipy.ndimage import binary_dilation, median_filter
 from scipy.stats import binomtest
 
-from mrwarp.identify.dataset import Dataset
+from mrwarp.identify.dataset import MOVING, Dataset
+from mrwarp.sysid.settings import Gain, Settings
 
-FAR = 6.0
-"""Size of a spike, in robust standard deviations of what is left: one in 500 million samples of normal noise."""
-_MOST = 0.05
-"""Largest share of samples that may be spikes: what is more frequent is no exception."""
-_CARRY, _SIZE = 0.2, 0.1
-"""Least share of the squared mismatch, and least RMS over the torque's standard deviation, that spikes carry: below,
-the fits hardly bend."""
-_EVENT, _LOCKED = 0.1, 3.0
-"""Time after a reversal or a step of the control input [s], and ratio of the rates of far samples in these times and
-outside, from which they belong to the events."""
-_JUMP, _MOVING = 0.05, 0.05
-"""Least step of the control input, as a share of its largest value, and least speed of a direction, as a share of the
-typical one."""
-_CHANCE, _ONE_SIGN = 1e-3, 0.5
-"""Chance of the far stretches having one sign so often along the motion, and share of their sum that one sign has over,
-below and above which they have a law."""
 _BEFORE, _AFTER = 1, 4
 """Samples left out around each spike: noise is judged by what came just before."""
 
 
-def find_spikes(left: np.ndarray, simulated: np.ndarray, samples: Dataset, counts: np.ndarray) -> np.ndarray:
+def find_spikes(
+    left: np.ndarray, simulated: np.ndarray, samples: Dataset, counts: np.ndarray, settings: Settings | None = None
+) -> np.ndarray:
     """Samples that are spikes, bool, shape (N,).
 
     Args:
@@ -41,29 +28,33 @@ def find_spikes(left: np.ndarray, simulated: np.ndarray, samples: Dataset, count
         simulated: Their torque, shape (N,).
         samples: The samples.
         counts: Samples that count, bool, shape (N,).
+        settings: Rules of what stands out, and of what follows a law; None: the defaults.
     """
-    far = far_off(left, samples, counts)
-    for along in _events(samples):
+    settings = settings or Settings()
+    spikes, gain = settings.spikes, settings.gain
+    far = far_off(left, samples, counts, spikes.far)
+    for along in _events(samples, spikes.event):
         window = along != 0.0
         inside, outside = _rate(far, window & counts), _rate(far, ~window & counts)
-        if inside > _LOCKED * outside:
+        if inside > spikes.locked * outside:
             alone = far & window & _stands_out(left, samples)
-            far &= ~window if _has_one_sign(left * along, alone) else ~window | alone
-    if any(_has_one_sign(left * x, far) for x in (np.sign(samples.qd), np.sign(simulated - np.median(simulated)))):
+            far &= ~window if _has_one_sign(left * along, alone, gain) else ~window | alone
+    motion = (np.sign(samples.qd), np.sign(simulated - np.median(simulated)))
+    if any(_has_one_sign(left * x, far, gain) for x in motion):
         return np.zeros(len(left), dtype=bool)
     carried = float(np.sum(left[far] ** 2))
-    heavy = carried > _CARRY * float(np.sum(left[counts] ** 2))
-    large = carried > _SIZE**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
-    return far if heavy and large and far.sum() <= _MOST * counts.sum() else np.zeros(len(left), dtype=bool)
+    heavy = carried > gain.part * float(np.sum(left[counts] ** 2))
+    large = carried > spikes.size**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
+    return far if heavy and large and far.sum() <= spikes.most * counts.sum() else np.zeros(len(left), dtype=bool)
 
 
-def _has_one_sign(along: np.ndarray, far: np.ndarray) -> bool:
+def _has_one_sign(along: np.ndarray, far: np.ndarray, gain: Gain) -> bool:
     """Whether stretches of far samples have one sign too often for chance, by what is left along some direction."""
     stretches = np.cumsum(np.diff(far.astype(int), prepend=0) == 1) * far
     count = int(stretches.max(initial=0))
     sums = np.bincount(stretches, weights=along, minlength=count + 1)[1:]
-    one_sign = abs(float(sums.sum())) > _ONE_SIGN * float(np.abs(sums).sum())
-    return one_sign and float(binomtest(int((sums > 0.0).sum()), count).pvalue) < _CHANCE
+    one_sign = abs(float(sums.sum())) > gain.half * float(np.abs(sums).sum())
+    return one_sign and float(binomtest(int((sums > 0.0).sum()), count).pvalue) < gain.chance
 
 
 def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:
@@ -80,13 +71,16 @@ def _rate(far: np.ndarray, at: np.ndarray) -> float:
     return float(far[at].mean()) if at.any() else 0.0
 
 
-def far_off(left: np.ndarray, samples: Dataset, counts: np.ndarray) -> np.ndarray:
-    """Samples that are far from zero by what is typical in all, or in their trajectory if that is more; bool, (N,)."""
+def far_off(left: np.ndarray, samples: Dataset, counts: np.ndarray, least: float) -> np.ndarray:
+    """Samples that are far from zero by what is typical in all, or in their trajectory if that is more; bool, (N,).
+
+    Far is ``least`` robust standard deviations.
+    """
     typical = np.full(len(left), float(np.median(np.abs(left[counts]))))
     for part in samples.parts:
         if counts[part].any():
             typical[part] = np.maximum(typical[part], np.median(np.abs(left[part][counts[part]])))
-    return counts & (np.abs(left) > FAR * 1.4826 * typical)
+    return counts & (np.abs(left) > least * 1.4826 * typical)
 
 
 def beside_spikes(spikes: np.ndarray, samples: Dataset) -> np.ndarray:
@@ -97,16 +91,16 @@ def beside_spikes(spikes: np.ndarray, samples: Dataset) -> np.ndarray:
     return out
 
 
-def _events(samples: Dataset) -> list[np.ndarray]:
+def _events(samples: Dataset, seconds: float) -> list[np.ndarray]:
     """Moments after a reversal, from the last sample that moves on, and after a step of the input; each shape (N,).
 
     The sign is that of what the event does to the torque: of the new motion, or of the step along the motion; else 0.
     """
     turned, stepped = (np.zeros(len(samples.qd)) for _ in range(2))
-    least = _MOVING * float(np.percentile(np.abs(samples.qd), 95))
-    jump = _JUMP * float(np.abs(samples.current).max())
+    least = MOVING * float(np.percentile(np.abs(samples.qd), 95))
+    jump = MOVING * float(np.abs(samples.current).max())
     for part, dt in zip(samples.parts, samples.dt, strict=True):
-        reach, qd, here = max(1, round(_EVENT / dt)), samples.qd[part], np.arange(part.start, part.stop)
+        reach, qd, here = max(1, round(seconds / dt)), samples.qd[part], np.arange(part.start, part.stop)
         moving = here[np.abs(qd) > least]
         for k in np.flatnonzero(np.diff(np.sign(samples.qd[moving])) != 0.0):
             turned[moving[k] : min(moving[k + 1] + reach, part.stop)] = np.sign(samples.qd[moving[k + 1]])

@@ -12,8 +12,6 @@ from mrwarp.recording.data import quantity, with_unit
 if TYPE_CHECKING:
     from mrwarp.identify.dataset import Dataset
 
-EXPLAINS_NOTHING = 0.9
-"""NRMSE from which a model explains next to nothing: four fifths of the torque's variance are left."""
 UNLIKELY = 0.6
 """Part of the torque's variance that the plainest laws leave from which a model is likely to explain next to nothing:
 hysteresis and weakening, which they lack, bear up to a quarter of it, and the hysteresis of a joint leaves half."""

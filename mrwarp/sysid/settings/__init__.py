@@ -8,9 +8,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
-from mrwarp.sysid.settings.joint_settings import Gain, Law, Proof, Rest, Search
+from mrwarp.sysid.settings.joint_settings import Calibration, Experiment, Gain, Law, Proof, Rest, Search, Steps
+from mrwarp.sysid.settings.recording_settings import Data, Effort, Faults, Reading, Spikes
 
-__all__ = ["Gain", "Law", "Proof", "Rest", "Search", "Settings"]
+__all__ = [
+    "Calibration",
+    "Data",
+    "Effort",
+    "Experiment",
+    "Faults",
+    "Gain",
+    "Law",
+    "Proof",
+    "Reading",
+    "Rest",
+    "Search",
+    "Settings",
+    "Spikes",
+    "Steps",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +43,7 @@ class Settings:
     """
 
     gain: Gain = field(default_factory=Gain)
-    """What counts as a gain."""
+    """Gains that count, in every step."""
     search: Search = field(default_factory=Search)
     """Which effects are found together."""
     proof: Proof = field(default_factory=Proof)
@@ -35,7 +51,23 @@ class Settings:
     law: Law = field(default_factory=Law)
     """Whether the hysteresis has another shape."""
     rest: Rest = field(default_factory=Rest)
-    """What is reported as unexplained."""
+    """Structure that is reported as unexplained."""
+    data: Data = field(default_factory=Data)
+    """Which data carry a verdict."""
+    faults: Faults = field(default_factory=Faults)
+    """Faults of a recording."""
+    spikes: Spikes = field(default_factory=Spikes)
+    """Single samples that stand out."""
+    reading: Reading = field(default_factory=Reading)
+    """How a log is read."""
+    steps: Steps = field(default_factory=Steps)
+    """Coil lag or command delay."""
+    calibration: Calibration = field(default_factory=Calibration)
+    """Shifts against nominal parameters."""
+    experiment: Experiment = field(default_factory=Experiment)
+    """The experiment that is proposed next."""
+    effort: Effort = field(default_factory=Effort)
+    """Processor time."""
 
     def __post_init__(self) -> None:
         """Check that each group is one of its kind."""

@@ -12,6 +12,8 @@ from typing import Any
 
 HAND = "by hand"
 """Origin of a number that no suite has set."""
+RATES = "benchmarks.confusion and the public data sets"
+"""Devices with known causes, and real ones: docs/diagnosis_rates.md."""
 
 
 def setting(

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mrwarp.sysid.settings.checked import Checked, setting
-
-RATES = "benchmarks.confusion and the public data sets"
-"""Devices with known causes, and real ones: docs/diagnosis_rates.md."""
+from mrwarp.sysid.settings.checked import RATES, Checked, setting
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gain(Checked):
-    """What counts as a gain, in every step."""
+    """Gains that count, in every step."""
 
     chi2: float = setting(30.0, 0.0, 1e6, fewer="false causes", more="missed small ones", by="chi-squared law")
     """Least gain in units of the noise's variance: one chance in a million over a hundred starts. A model that loses
@@ -37,8 +34,25 @@ class Gain(Checked):
     """Share of the squares below which a refinement, or a trajectory, says nothing."""
     few: int = setting(4, 2, 100, fewer="chance findings", more="questions that stay open in short data")
     """Fewest runs, rests or spectra among which a gain can be distinguished from chance."""
-    near: float = setting(0.5, 0.0, 1.0, fewer="fits", more="wrong first guesses")
-    """Part of the best one's gain from which others are looked at as well."""
+    half: float = setting(0.5, 0.0, 1.0, fewer="missed differences", more="false ones")
+    """Ratio of two squares, spreads or gains below which one is clearly less than the other: candidates that gain as
+    much of the best one's gain are looked at as well."""
+    detail: float = setting(0.05, 0.0, 1.0, fewer="findings of no use", more="missed small ones")
+    """Share of the torque's standard deviation up to which a mismatch, a moved zero or a growth at rest is a detail."""
+    chance: float = setting(1e-3, 0.0, 1.0, fewer="missed laws", more="accidents taken for laws")
+    """Largest chance of an agreement that is no accident: of runs with a drift, of stretches with the motion."""
+    unchanging: float = setting(0.02, 0.0, 1.0, fewer="effects of the control input by its noise", more="missed ones")
+    """Change of the control input, as a share of its largest value, up to which it stays the same."""
+    part: float = setting(
+        0.2,
+        0.0,
+        10.0,
+        fewer="pieces of other laws",
+        more="suspects",
+        by="devices by other laws: a tenth to a sixth; true effects: a third and more",
+    )
+    """Least size of a finding as a share of a larger one next to it: of an effect over what comes again without a name,
+    of what is left over what is named, of spikes over all that is left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +69,6 @@ class Search(Checked):
     """That part where the free functions gain much more than the effect."""
     nearly_all: float = setting(10.0, 1.0, 1e6, fewer="proxies", more="work")
     """Ratio of losses without and with an effect from which it stands in for nothing."""
-    drift_p: float = setting(1e-3, 0.0, 1.0, fewer="missed drifts", more="false drifts")
-    """Largest chance at which an effect that only shows between trajectories is confirmed."""
     bent: float = setting(0.05, 0.0, 1.0, fewer="bent laws by chance", more="biased numbers")
     """Part of what a model leaves that a bent law must take away."""
 
@@ -65,20 +77,8 @@ class Search(Checked):
 class Proof(Checked):
     """Which found effects are causes; the others are suspects."""
 
-    part: float = setting(
-        0.2,
-        0.0,
-        10.0,
-        fewer="pieces of other laws",
-        more="suspects",
-        by="devices by other laws: a tenth to a sixth; true effects: a third and more",
-    )
-    """Least size of a finding as a share of a larger one next to it: of an effect over what comes again without a name,
-    of what is left over what is named."""
     known_within: float = setting(25.0, 1.0, 1e6, fewer="suspects", more="causes of unknown size")
     """Ratio of an interval's ends from which a positive number counts as not known at all."""
-    silent: float = setting(0.1, 0.0, 0.5, fewer="tests of one size", more="suspects by noise of a small part")
-    """Share of an effect's energy below which a half of the data says nothing of its size."""
     twice: float = setting(2.0, 1.0, 100.0, fewer="suspects", more="pieces of other laws", by=RATES)
     """Ratio of an effect's sizes in two halves from which it is no single effect; of dry friction between speeds, which
     changes with speed, its square."""
@@ -90,7 +90,7 @@ class Proof(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Rest(Checked):
-    """What is left that no effect explains."""
+    """Structure that no effect explains."""
 
     clearly: float = setting(2.0, 0.0, 1e3, fewer="false structure", more="missed structure")
     """Gain, in least gains, from which structure is reported at all."""
@@ -98,6 +98,16 @@ class Rest(Checked):
     """Gain, in least gains, above which it is reported although a few trajectories carry it."""
     slow_t: float = setting(2.5, 0.0, 20.0, fewer="false drifts", more="missed ones")
     """Least t of structure that is slow or has a memory: it differs between trajectories by chance, too."""
+    unreported: float = setting(0.1, 0.0, 0.5, fewer="open questions", more="errors that nobody reports")
+    """Share of the mismatch that may repeat without being reported. A half of the data that has less of an effect's
+    energy says nothing of its size: what else is wrong there is as large."""
+    with_law: float = setting(2 / 3, 0.0, 1.0, fewer="missed noise of runs", more="rests of the law taken for noise")
+    """Ratio of squares, next to a law of another shape, below which what differs where a motion comes again is clearly
+    less than what boosting leaves: much of that is the law's own rest."""
+    line_chance: float = setting(1e-5, 0.0, 1.0, fewer="missed lines", more="false lines", by="exponential law")
+    """Chance of a false line of the spectrum in a data set without any."""
+    line_periods: int = setting(6, 1, 1000, fewer="drifts taken for lines", more="missed slow lines")
+    """Fewest periods of a line in a trajectory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,11 +122,51 @@ class Law(Checked):
     """Share of the held-out RMSE within which a law with fewer numbers is taken instead."""
     structured: float = setting(2.5, 1.0, 100.0, fewer="comparisons of laws", more="missed laws")
     """Ratio of the mismatch to the noise from sample to sample below which no law is looked for."""
-    detail: float = setting(0.05, 0.0, 1.0, fewer="plain least squares", more="whitened misfits")
-    """Share of the torque's standard deviation up to which a mismatch or a shift of zeros is a detail."""
     rivals: int = setting(3, 1, 20, fewer="false laws", more="work")
     """Effects that are tried with eq. 14, and most that a first answer lists."""
-    half: float = setting(0.5, 0.0, 1.0, fewer="moved zeros", more="missed ones")
-    """Ratio of squared errors, with a zero for each trajectory to one for all, below which the zeros have moved."""
+    moved: float = setting(
+        0.85, 0.0, 1.0, fewer="friction taken for moved zeros", more="moved zeros taken for friction"
+    )
+    """Ratio of squared errors, with a zero for each trajectory to one for all, below which the zeros differ."""
     gap: float = setting(0.3, 0.0, 1.0, fewer="groups of zeros", more="all zeros as moved")
     """Share of the zeros' range from which a gap between them separates the moved ones from the others."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steps(Checked):
+    """Whether a current creeps or arrives late, by single steps of the command."""
+
+    enough: int = setting(3, 1, 1000, fewer="wrong answers", more="alternatives")
+    """Fewest steps for an answer."""
+    model_error: float = setting(0.03, 0.0, 1.0, fewer="wrong answers", more="alternatives")
+    """Error of the model in a step's change of torque [1]."""
+    near: float = setting(0.7, 0.0, 1.0, fewer="answers by the fits' luck", more="answers by single steps")
+    """Part of an effect's gain by which its like may be behind, and single steps still decide between them: each step
+    falls where it likes between two samples."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration(Checked):
+    """Whether the parameters lie off their nominal values along one clear direction."""
+
+    odds: float = setting(11.0, 0.0, 100.0, fewer="false shifts", more="missed ones", by="real shifts: 17 to 20")
+    """Logarithm of the odds that a single shift must have against another device."""
+    left: float = setting(22.0, 0.0, 1e3, fewer="missed shifts", more="false ones", by="chi-squared law")
+    """Most chi-squared that a shift may leave."""
+    distinct: float = setting(6.0, 0.0, 1e3, fewer="single answers", more="alternatives")
+    """Difference of chi-squared from which two shifts are distinguished."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment(Checked):
+    """The experiment that is proposed next, and the sizes that would have shown."""
+
+    more: float = setting(1.3, 1.0, 10.0, fewer="missed effects of the stated size", more="modest sizes")
+    """Gain that is asked for, over the least gain: the gain that is found scatters about the gain that is there."""
+    chi2: float = setting(100.0, 0.0, 1e6, fewer="experiments that decide nothing", more="time on the bench")
+    """Least miss of the wrong effect, in units of the noise's variance: four times what decides, for the experiment's
+    own noise and for models that err."""
+    steps: int = setting(80, 1, 10_000, fewer="experiments that decide nothing", more="time on the bench")
+    """Steps of the current that distinguish a lag from a delay."""
+    runs: int = setting(24, 1, 1000, fewer="long runs", more="runs")
+    """Runs above which they are made longer instead."""

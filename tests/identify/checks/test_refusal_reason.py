@@ -11,11 +11,12 @@ import pytest
 
 from mrwarp.diagnose.data_checks import rejections
 from mrwarp.diagnose.held_out import HeldOut
-from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing, followed_instead, missed
+from mrwarp.identify.checks.refusal_reason import explains_nothing, followed_instead, missed
 from mrwarp.identify.contradictions import contradictions, forewarning, refuse_unexplained
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.fit import fit
 from mrwarp.recording.load import Recording, RecordingError, Trajectory
+from mrwarp.sysid.settings import Settings
 
 Torque = Callable[[int, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -75,7 +76,7 @@ def test_runs_that_others_do_not_predict_are_refused_as_a_diagnosis_refuses_them
     """The error of trajectories left out counts from three of them on."""
     recording = CASES["a load that differs"][0]
     data = Dataset.of(recording)
-    refuse_unexplained(recording, data, 0.5, EXPLAINS_NOTHING - 0.01)
+    refuse_unexplained(recording, data, 0.5, 0.89)
     with pytest.raises(RecordingError, match="NRMSE 243.7 %"):
         refuse_unexplained(recording, data, 0.607, 2.437)
     assert "a load that depends on the place" in forewarning(recording)
@@ -101,7 +102,7 @@ def test_spikes_decide_neither_a_fit_nor_a_diagnosis() -> None:
         baseline=squares, extended=squares, predicted_baseline=torque, predicted_extended=torque + error, agreed=1.0
     )
     selection: Any = SimpleNamespace(named=())
-    problem: Any = SimpleNamespace(measured=torque, weight=weight, motion=None, units={})
+    problem: Any = SimpleNamespace(measured=torque, weight=weight, motion=None, units={}, settings=Settings())
     assert rejections(held, selection, problem) == []
 
 
