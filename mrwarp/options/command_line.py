@@ -81,7 +81,7 @@ _PLAIN_HELP = {
     "At most one argument can be overridden.": "Give one of these at most.",
     " cfg.": " ",
 }
-"""What tyro writes above a group of options, and what is printed; the name of a field is no title."""
+"""Lines that tyro writes above a group of options, and what is printed; the name of a field is no title."""
 
 
 class OptionError(ValueError):
