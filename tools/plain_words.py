@@ -102,9 +102,7 @@ def findings(name: str, text: str) -> Iterator[str]:
 
 def main() -> int:
     """Print every finding; 1 if there is one."""
-    listed = subprocess.run(
-        ["git", "ls-files", "*.py", "*.md", "*.toml", "Makefile"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    listed = subprocess.run(["git", "ls-files", *FILES], cwd=ROOT, capture_output=True, text=True, check=True)
     names = [name for name in listed.stdout.split() if name not in SELF and not name.startswith(NOT_COVERED)]
     found = [line for name in names for line in findings(name, (ROOT / name).read_text(encoding="utf-8"))]
     print("\n".join([*found, f"plain words: {len(found)} findings in {len(names)} files"]))

@@ -127,7 +127,7 @@ def run(
         ``modes`` by name, ``fixed_current`` [A] and ``need_95`` [N·m]; ``slipped`` and ``short`` of a window with
         devices as cold as they were identified, and ``ambient`` [K].
     """
-    cold = _window(cfg, policy, "law", np.zeros(4), cfg.current, cfg.outbound_load, heat, electrical)
+    cold = walk_window(cfg, policy, "law", np.zeros(4), cfg.current, cfg.outbound_load, heat, electrical)
     need = float(np.quantile(cold.need, 0.95))
     fixed = _inverse(_hold(cfg), cfg.current, need, 1.0)
     found = {}
@@ -171,7 +171,7 @@ def _mission(
                 seconds = cfg.standby / WINDOWS
             else:
                 limit = _current(cfg, mode, need, float(strength.min()))
-                walked = _window(cfg, policy, mode, warm, limit, load, heat, electrical)
+                walked = walk_window(cfg, policy, mode, warm, limit, load, heat, electrical)
                 joints, seconds = walked.joints, cfg.distance / WINDOWS / walked.speed
                 slips = {"slipped": walked.slipped, "short": walked.short}
             heated = {"coil": float(joints.coil.sum()), "friction": float(joints.friction.sum())}
@@ -262,7 +262,7 @@ def _derating(mode: str, warm: np.ndarray, heat: ThermalCfg, electrical: Electri
     return derate
 
 
-def _window(
+def walk_window(
     cfg: MissionCfg,
     policy: Policy,
     mode: str,

@@ -63,7 +63,7 @@ def converted(stage: Usd.Stage, ground: bool | Field) -> tuple[str, mujoco.MjMod
     if file and (found := _read(file)):
         return found
     with uncollected():
-        made = _convert(stage, ground)
+        made = convert_stage(stage, ground)
     if file:
         _keep(file, *made)
     return made
@@ -138,7 +138,7 @@ def _keep(file: Path, text: str, model: mujoco.MjModel) -> None:
                 entry.unlink(missing_ok=True)
 
 
-def _convert(stage: Usd.Stage, ground: bool | Field) -> tuple[str, mujoco.MjModel]:
+def convert_stage(stage: Usd.Stage, ground: bool | Field) -> tuple[str, mujoco.MjModel]:
     """MJCF text and MuJoCo model, made by Newton."""
     import newton  # it takes seconds to load
 

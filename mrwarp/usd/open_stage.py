@@ -95,7 +95,7 @@ def open_stage(file: Path) -> Usd.Stage:
     key = file.resolve()
     if key not in _passed or any(_state(path) != known for path, known in _passed[key].items()):
         with _lock:
-            answer = _answer({"folder": os.getcwd(), "file": str(file), "seconds": CPU_SECONDS})
+            answer = ask_helper({"folder": os.getcwd(), "file": str(file), "seconds": CPU_SECONDS})
         if "trouble" in answer:
             raise AssetError(f"{file}: USD's reader {answer['trouble']} with it; {_REMEDY}")
         if "refused" in answer:
@@ -210,11 +210,11 @@ def _state(file: str) -> tuple[int, ...] | None:
     return None
 
 
-def _answer(request: dict[str, Any]) -> dict[str, Any]:
+def ask_helper(request: dict[str, Any]) -> dict[str, Any]:
     """The helper's answer; a file is blamed for a crash only of a helper that was started for it."""
     global _helper
     fresh = _helper is None
-    helper = _helper = _helper or _start()
+    helper = _helper = _helper or start_helper()
     assert helper.stdin and helper.stdout
     line, late = "", False
     try:
@@ -231,15 +231,16 @@ def _answer(request: dict[str, Any]) -> dict[str, Any]:
     if late or code == -signal.SIGXCPU:
         return {"trouble": f"takes more than {CPU_SECONDS} s"}
     if not fresh:  # an earlier file may have harmed it
-        return _answer(request)
+        return ask_helper(request)
     how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
     return {"trouble": f"crashes or {_TOO_LARGE['trouble']} ({how})"}
 
 
-def _start() -> subprocess.Popen[str]:
+def start_helper() -> subprocess.Popen[str]:
+    """A process that tries USD files out, with one thread and limits of its own."""
     package = str(Path(__file__).resolve().parents[2])
     run = f"import sys; sys.path = {[package, *sys.path]!r}; from mrwarp.usd.open_stage import serve; serve()"
-    # one thread: the limit is of address space, of which every thread takes a large piece
+    # the limit is of address space, of which every thread takes a large piece
     env = {**os.environ, "PXR_WORK_THREAD_LIMIT": "1", "MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
         return subprocess.Popen(

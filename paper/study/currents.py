@@ -156,7 +156,7 @@ def run(
     Raises:
         ValueError: a file in ``out`` is damaged or of another comparison.
     """
-    sweep = kept(out / "fixed_currents.json", _asked(cfg), lambda: _sweep(cfg, electrical, report))
+    sweep = kept(out / "fixed_currents.json", _asked(cfg), lambda: sweep_currents(cfg, electrical, report))
     best = float(min(sweep, key=lambda amps: sweep[amps]["cot"]))
     more = replace(cfg, arms=tuple(arm for arm in cfg.arms if arm not in ROBOT), seeds=cfg.more_seeds)
     parts = {cfg.power_price: (cfg, out)}
@@ -169,7 +169,7 @@ def run(
         policy = _trained(part, arm, seed, best, folder, out)
         if policy is None:
             return None
-        measure = partial(_measure, part, arm, best, policy, electrical, heat)
+        measure = partial(measure_policy, part, arm, best, policy, electrical, heat)
         by_arm = rows.setdefault(price, {arm: {} for arm in part.arms})
         by_arm[arm][seed] = kept(folder / "measured.json", _asked(part), measure)
     first, *others = (
@@ -185,7 +185,7 @@ def _asked(cfg: CurrentsCfg) -> dict[str, Any]:
     return {name: getattr(cfg, name) for name in names}
 
 
-def _sweep(cfg: CurrentsCfg, electrical: ElectricalCfg, report: Callable[[str, float], None]) -> dict[str, Any]:
+def sweep_currents(cfg: CurrentsCfg, electrical: ElectricalCfg, report: Callable[[str, float], None]) -> dict[str, Any]:
     """Mean cost of transport by fixed current, of the policy of seed 0 before it learns with it."""
     found, policy = {}, OnnxPolicy(policy_file(ENERGY, "mr_go_sal", 0))
     for amps in SWEPT:
@@ -234,7 +234,7 @@ def _cot(result: WalkResult, electrical: ElectricalCfg) -> np.ndarray:
     return cost_of_transport(battery_power(result.joints, electrical).total, result.mass, result.speed)
 
 
-def _measure(
+def measure_policy(
     cfg: CurrentsCfg, arm: str, best: float, file: Path, electrical: ElectricalCfg, heat: ThermalCfg
 ) -> dict[str, Any]:
     """Figures of one policy, see :data:`UNITS`."""

@@ -30,7 +30,7 @@ LOAD = JointLoad(
 def steady(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows and standing that heat each device by 2 W, at any temperature."""
     window = thermal_mission.Window(joints=LOAD, speed=0.3, slipped=0.0, short=0.0, need=np.full(20, 10.0))
-    monkeypatch.setattr(thermal_mission, "_window", lambda *_: window)
+    monkeypatch.setattr(thermal_mission, "walk_window", lambda *_: window)
     monkeypatch.setattr(thermal_mission, "standing_load", lambda *_, **__: (LOAD, {}))
 
 
@@ -56,7 +56,7 @@ def test_temperature_and_safety_factor_follow_the_closed_form() -> None:
 def test_no_compensation_holds_more_than_the_largest_current_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """20 N·m: the device bears 25.3 N·m at 1.5 A; below 24/25.3 of its strength a compensated factor falls with it."""
     window = thermal_mission.Window(joints=LOAD, speed=0.3, slipped=0.0, short=0.0, need=np.full(20, 20.0))
-    monkeypatch.setattr(thermal_mission, "_window", lambda *_: window)
+    monkeypatch.setattr(thermal_mission, "walk_window", lambda *_: window)
     monkeypatch.setattr(thermal_mission, "standing_load", lambda *_, **__: (LOAD, {}))
     heat = ThermalCfg(yield_coefficient=0.02)
     found = thermal_mission.run(MissionCfg(), lambda obs: obs, ElectricalCfg(), heat, 0.0)["modes"]

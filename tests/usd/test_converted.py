@@ -24,8 +24,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def conversions(monkeypatch: pytest.MonkeyPatch) -> list[Usd.Stage]:
     """The stages that Newton was given."""
     seen: list[Usd.Stage] = []
-    convert = module._convert
-    monkeypatch.setattr(module, "_convert", lambda stage, ground: (seen.append(stage), convert(stage, ground))[1])
+    convert = module.convert_stage
+    monkeypatch.setattr(module, "convert_stage", lambda stage, ground: (seen.append(stage), convert(stage, ground))[1])
     return seen
 
 

@@ -82,12 +82,12 @@ def test_the_command_line_refuses_what_crashes(tmp_path: Path, capsys: pytest.Ca
 
 def test_an_endless_reader_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A helper that gives no answer in time is killed, and the file refused."""
+    load_robot(_copy(tmp_path / "b.usda"))
     monkeypatch.setattr(asset_trial, "WALL_SECONDS", 0.2)
-    asset_trial.stop()
-    helper = asset_trial._start()
-    monkeypatch.setattr(asset_trial, "_helper", helper)
+    helper = asset_trial._helper
+    assert helper is not None
     os.kill(helper.pid, signal.SIGSTOP)
-    monkeypatch.setattr(asset_trial, "_start", lambda: pytest.fail("a second helper"))
+    monkeypatch.setattr(asset_trial, "start_helper", lambda: pytest.fail("a second helper"))
     assert "USD's reader takes more than 20 s with it" in refusal(_copy(tmp_path / "a.usda"))
     assert helper.returncode == -signal.SIGKILL
 
@@ -128,8 +128,8 @@ def _copy(path: Path) -> Path:
 def test_a_file_is_tried_once_until_it_or_a_layer_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Loading again costs a look at the files; a new text, of the file or of a sublayer, is tried again."""
     asked: list[str] = []
-    answer = asset_trial._answer
-    monkeypatch.setattr(asset_trial, "_answer", lambda request: asked.append(request["file"]) or answer(request))
+    answer = asset_trial.ask_helper
+    monkeypatch.setattr(asset_trial, "ask_helper", lambda request: asked.append(request["file"]) or answer(request))
     below = tmp_path / "below.usda"
     below.write_text('#usda 1.0\nover "mr_go" {}\n', encoding="utf-8")
     path = tmp_path / "a.usda"

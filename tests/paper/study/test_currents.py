@@ -92,8 +92,8 @@ def test_what_is_in_the_folder_is_not_done_again(tmp_path: Path, monkeypatch: py
     measured = []
     row = dict.fromkeys(currents.UNITS, 1.0)
     price = ["--more-prices", "0.03", "--more-seeds", "0"]
-    monkeypatch.setattr(currents, "_sweep", lambda *_: {"0.5": {"cot": 2.0}, "1": {"cot": 3.0}})
-    monkeypatch.setattr(currents, "_measure", lambda cfg, arm, *_: measured.append(arm) or row)
+    monkeypatch.setattr(currents, "sweep_currents", lambda *_: {"0.5": {"cot": 2.0}, "1": {"cot": 3.0}})
+    monkeypatch.setattr(currents, "measure_policy", lambda cfg, arm, *_: measured.append(arm) or row)
     line = [
         "study",
         "current",
