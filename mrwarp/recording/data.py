@@ -75,7 +75,8 @@ class Repair:
     trajectory: str
     """Trajectory, or file, that it happened to."""
     kind: str
-    """``resampled``, ``unwrapped``, ``integrated``, ``shifted``, ``split``, ``left_out`` or ``saturated``."""
+    """``resampled``, ``unwrapped``, ``replaced``, ``integrated``, ``shifted``, ``split``, ``left_out`` or
+    ``saturated``."""
     count: int
     """Intervals, gaps or samples that are concerned."""
     at: tuple[float, ...] = ()

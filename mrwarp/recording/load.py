@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.angle import integrated, unwrapped
+from mrwarp.recording.angle import integrated, unwrapped, without_wrong_readings
 from mrwarp.recording.data import (
     COLUMNS,
     DEGREES,
@@ -260,6 +260,7 @@ def _checked_trajectories(
     for name, rows in _groups(table):
         label = stem if name is None else f"{stem}/{name}" if in_folder else name
         run = {key: values[rows] for key, values in columns.items()}
+        repairs += _replaced(label, run, units)
         if "q" in run:
             run["q"], wraps, period = unwrapped(run["t"], run["q"], units.periods())
             if wraps:
@@ -299,6 +300,22 @@ def _trajectory(name: str, part: dict[str, np.ndarray], header: dict[str, Any], 
         header=header,
         **part,
     )
+
+
+def _replaced(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
+    """Replace single wrong readings of the motion in the columns of a run; notes on them."""
+    found = []
+    for key in run.keys() & {"q", "qd"}:
+        run[key], at = without_wrong_readings(before := run[key], units.periods() if key == "q" else ())
+        if len(at):
+            far, where = float(np.abs(before - run[key]).max()), tuple(float(t) for t in run["t"][at[:10]])
+            places = ", ".join(f"{t:.4g}" for t in where[:3]) + (", ..." if len(at) > 3 else "")
+            text = (
+                f"{len(at)} single readings of {key} go off by up to {far:.3g} {units.base(key)} and come back at "
+                f"once, as no joint does (at {places} s): the middle of their neighbours takes their place"
+            )
+            found.append(Repair(trajectory=label, kind="replaced", count=len(at), at=where, text=text))
+    return found
 
 
 def _unwrapped(label: str, wraps: int, period: float, units: Units) -> Repair:

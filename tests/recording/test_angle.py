@@ -12,7 +12,7 @@ from mrwarp import cli
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.identify.fit import made_motion
 from mrwarp.identify.kinematics import reconstruct
-from mrwarp.recording.angle import unwrapped
+from mrwarp.recording.angle import unwrapped, without_wrong_readings
 from mrwarp.recording.load import RecordingError, load_recording, save_recording
 from tests.recording.recordings import columns, write
 
@@ -56,6 +56,35 @@ def test_an_angle_that_wraps_goes_on(
     assert np.abs(run.qd).max() < 27.0
     assert cli.main(["check", str(path)]) == 0
     assert "begins again after" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_single_wrong_readings_are_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str], wraps: bool) -> None:
+    """Four readings of an encoder that go off by 0.3 to 3 rad: the swing is there without them, and a note says so."""
+    data, rng = _swing(), np.random.default_rng(3)
+    data["q"] *= 1.0 if wraps else 0.5
+    at = np.sort(rng.choice(np.arange(50, 750), 4, replace=False))
+    read = data["q"] % TURN if wraps else data["q"].copy()
+    read[at] += [1.5, -0.9, -3.0, 2.0]
+    recording = load_recording(write(tmp_path / "a.csv", {**data, "q": read}))
+    (run,), repair = recording.trajectories, recording.repairs[0]
+    assert (repair.kind, repair.count) == ("replaced", 4) and repair.at == pytest.approx(tuple(data["t"][at]))
+    # the middle of two neighbours is off by half of what the speed changes between them: 8.2*(pi*dt)**2/2
+    np.testing.assert_allclose(run.q - run.q[0], data["q"] - data["q"][0], atol=8.2 * (np.pi * 0.005) ** 2 / 2.0 + 1e-9)
+    assert run.qd_half == 2 and cli.main(["check", str(tmp_path / "a.csv")]) == 0
+    assert "come back at once" in capsys.readouterr().out
+
+
+def test_motion_and_noise_are_no_wrong_readings() -> None:
+    """A joint that rests and jerks, noise, an edge of the encoder, wraps to and fro, and too many that are off."""
+    t, rng = np.arange(800) * 0.005, np.random.default_rng(4)
+    jerks = np.where((t > 2.0) & (t < 2.1), 0.4 * np.sin(10.0 * np.pi * (t - 2.0)), 0.0)
+    many = np.sin(t)
+    many[rng.choice(799, 20, replace=False)] += 2.0
+    edge = np.where(np.isin(np.arange(800), (100, 300, 301, 500)), 0.0015, 0.0) + (t > 3.0) * 0.0015
+    border = (0.02 * rng.normal(size=800)) % TURN
+    for x in (jerks, rng.normal(size=800), rng.standard_t(4, size=800), many, edge, np.zeros(800), border):
+        assert without_wrong_readings(x, [TURN])[0] is x
 
 
 def test_only_wraps_are_unwrapped() -> None:

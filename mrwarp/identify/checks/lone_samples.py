@@ -39,9 +39,10 @@ def find_spikes(
         if inside > spikes.locked * outside:
             alone = far & window & _stands_out(left, samples)
             far &= ~window if _has_one_sign(left * along, alone, gain) else ~window | alone
+    stuck = _dropouts(far, samples) & _stands_out(left, samples)
     motion = (np.sign(samples.qd), np.sign(simulated - np.median(simulated)))
-    if any(_has_one_sign(left * x, far, gain) for x in motion):
-        return np.zeros(len(left), dtype=bool)
+    if any(_has_one_sign(left * x, far & ~stuck, gain) for x in motion):
+        far = stuck
     carried = float(np.sum(left[far] ** 2))
     heavy = carried > gain.part * float(np.sum(left[counts] ** 2))
     large = carried > spikes.size**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
@@ -55,6 +56,17 @@ def _has_one_sign(along: np.ndarray, far: np.ndarray, gain: Gain) -> bool:
     sums = np.bincount(stretches, weights=along, minlength=count + 1)[1:]
     one_sign = abs(float(sums.sum())) > gain.half * float(np.abs(sums).sum())
     return one_sign and float(binomtest(int((sums > 0.0).sum()), count).pvalue) < gain.chance
+
+
+def _dropouts(far: np.ndarray, samples: Dataset) -> np.ndarray:
+    """Far samples of which most have one and the same torque, such as 0, as where nothing was read; bool, shape (N,).
+
+    They are always on the same side of the motion's torque, as if they had a law.
+    """
+    values, counts = np.unique(samples.torque[far], return_counts=True)
+    if not len(values) or 2 * counts.max() <= counts.sum():
+        return np.zeros(len(far), dtype=bool)
+    return far & (samples.torque == values[np.argmax(counts)])
 
 
 def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:

@@ -53,6 +53,15 @@ def test_spikes_are_found_among_what_a_mechanism_leaves(at_reversals: bool) -> N
     assert set(np.flatnonzero(found(at, left))) >= set(where) and found(at, left).sum() < 1.5 * len(where)
 
 
+@pytest.mark.parametrize("value", [0.0, -1.75])
+def test_samples_that_were_not_read_are_spikes(value: float) -> None:
+    """One in a hundred samples is 0, or another number, whatever the torque: always against it, but no law of it."""
+    at, left = measured()
+    where = np.sort(np.random.default_rng(8).choice(len(left), 48, replace=False))
+    left[where] = value - at.torque[where]
+    np.testing.assert_array_equal(np.flatnonzero(found(at, left)), where)
+
+
 def test_what_has_a_law_is_no_spike() -> None:
     """After each step of the current, after each reversal, along the motion, too many, or too small."""
     at, noise = measured()
