@@ -18,9 +18,10 @@ from mrwarp.robot_logs.causes.of_ground import TORQUE_SCALE
 from mrwarp.robot_logs.causes.of_timing import OWN_DELAY
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.causes.robot_causes import ORDINARY, OUTSIDE
+from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
-from mrwarp.robot_logs.robot_fit import FirstLook, first_look, fitted, fitted_alone, likelier, searched, uneven
+from mrwarp.robot_logs.robot_fit import FirstLook, fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_validated, held_out
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, sentence_of

@@ -1,4 +1,4 @@
-"""Fit a robot to windows of its log: where a fit begins, what it has to let go, and sizes by the replay itself."""
+"""Fit a robot to windows of its log: which numbers it has to set free, and sizes by the replay itself."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter
-from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY
-from mrwarp.robot_logs.likelihood import Likelihood, fit, gather, left_by_each, replayed
+from mrwarp.robot_logs.causes.robot_causes import DRIVE, ORDINARY
+from mrwarp.robot_logs.likelihood import Likelihood, fit, gather, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import cross_validated
 from mrwarp.robot_logs.selection import (
@@ -20,22 +19,14 @@ from mrwarp.robot_logs.selection import (
     Found,
     Hypothesis,
     bounds_of,
-    healthy,
     hypotheses_of,
-    payload_of,
     prior_of,
     select,
-    vector,
 )
-from mrwarp.robot_logs.single_changes import screened, sizes_of_their_own
 from mrwarp.robot_logs.windows import Windows
 
 ROUNDS = 4
 """Times that outstanding numbers are freed and the robot fitted again."""
-
-GUESSES, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
-"""Hypotheses that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
-one after the other."""
 
 SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
 """Factor between sizes of a cause that are tried by the replay, how often the range is widened, and then narrowed."""
@@ -55,32 +46,18 @@ class FirstLook:
     """That fault; empty where none does."""
 
 
-def first_look(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None]
-) -> FirstLook:
-    """The described robot in this session, and of single changes that with which the replay is best."""
-    nuisance = np.zeros(len(parameters))
-    if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
-        nuisance = _nuisances(model, groups, parameters)
-    described = gather(model, groups, parameters, nuisance, progress)
-    progress("single causes")
-    guess, guessed = _initial_guess(model, groups, parameters, described, nuisance)
-    return FirstLook(nuisance=nuisance, described=described, guess=guess, guessed=guessed)
-
-
 def fitted(
     model: ReplayModel,
     groups: list[Windows],
     parameters: list[Parameter],
     progress: Callable[[str], None],
-    look: FirstLook | None = None,
+    look: FirstLook,
 ) -> tuple[np.ndarray, list[Hypothesis], Likelihood, dict[Hypothesis, list[Hypothesis]]]:
     """The robot around which the log is judged, shape (P,), what had to be set free for it, the likelihood about it.
 
-    And of causes of drives that were set free, the others with which the replay was nearly as good. ``look`` is the
-    :func:`first_look` where it has been taken.
+    And of causes of drives that were set free, the others with which the replay was nearly as good. ``look`` says
+    where the fit begins.
     """
-    look = look or first_look(model, groups, parameters, progress)
     theta, described, guess, guessed = look.nuisance, look.described, look.guess, look.guessed
     free: list[Hypothesis] = []
     likelihood = described
@@ -142,7 +119,7 @@ def fitted(
     return theta, free, likelihood, rivals
 
 
-def _nuisances(model: ReplayModel, groups: list[Windows], parameters: list[Parameter]) -> np.ndarray:
+def nuisances_of(model: ReplayModel, groups: list[Windows], parameters: list[Parameter]) -> np.ndarray:
     """Numbers of every session, fitted alone, (P,): the commands' delay by search, the rest fitted again for each.
 
     Coils read what rows command, step by step: derivatives do not say how far off the right row is.
@@ -260,86 +237,6 @@ def searched(
         seen |= {s: at(s) for s in np.sqrt(near[:2] * near[1:]).tolist()}
         best = min(seen, key=lambda size: seen[size][0])
     return seen[best][1]
-
-
-def _initial_guess(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Likelihood, theta: np.ndarray
-) -> tuple[np.ndarray, list[Hypothesis]]:
-    """A robot where a fit can begin, (P,), and the fault in it, if any: of single changes that which replays like best.
-
-    Derivatives about the described robot in this session, ``theta``, end where a foot lifts: in sum, many small changes
-    then promise more than the true large one, and the replay keeps none of it. So single changes are tried by the
-    replay at several sizes, the best is kept, and its neighbours are tried, until one is more than a healthy robot
-    can have.
-    """
-    low, high = bounds_of(parameters)
-    usual = healthy(parameters)
-    a, _ = described.sums()
-    hypotheses = [d for d in hypotheses_of(parameters) if d.cause != NUISANCE]
-    # a session's numbers, fitted without the change, have taken up what they can of it: they follow
-    nuisance = np.array([p.is_nuisance and model.free for p in parameters])
-    plain = np.stack([vector(d, parameters) for d in hypotheses])
-    follow = np.linalg.solve((a / described.scale + usual)[np.ix_(nuisance, nuisance)], a[nuisance] @ plain.T)
-    changes = plain.copy()
-    changes[:, nuisance] -= np.where(plain[:, nuisance].any(axis=1), 0.0, follow / described.scale).T
-    information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
-
-    own = sizes_of_their_own(hypotheses, model, groups, parameters)
-
-    def seen(*robots: np.ndarray) -> list[float]:
-        return left_by_each(described, model, groups, parameters, np.array(robots)).tolist()
-
-    payload = payload_of(parameters)
-
-    def heavier(least: float) -> np.ndarray | None:
-        """The robot with a weight on its trunk, which no single number is, where it gains more than ``least``."""
-        parts = np.stack([vector(d, parameters) for d in payload])
-        prior, members = prior_of(parameters, payload), [k for d in payload for k in d.members]
-        both = parts @ (a / described.scale + prior) @ parts.T
-        change = np.linalg.solve(both, parts @ pull / described.scale) @ parts
-
-        def gains(*robots: np.ndarray) -> list[float]:
-            own = float(theta @ usual @ theta)
-            return [here - left - float(x @ prior @ x) + own for x, left in zip(robots, seen(*robots), strict=True)]
-
-        tried = [np.clip(theta + times * change, low, high) for times in MULTIPLES]
-        best = tried[int(np.argmax(gains(*tried)))]
-        best = searched(best, members, model, groups, parameters, described, prior, low, high)
-        return best if gains(best)[0] > least else None
-
-    (here,) = seen(theta)
-    for pick in range(PICKS):
-        pull = replayed(described, model, groups, parameters, theta)[1].sums()[1] - a @ theta
-        score = changes @ pull
-        tried: list[tuple[np.ndarray, Hypothesis, float]] = []
-        loud = np.argsort(-(score**2) / information)[:GUESSES].tolist()
-        for k in dict.fromkeys([*loud, *own]):
-            d, prior = hypotheses[k], prior_of(parameters, [hypotheses[k]])
-            along = plain[k] if k in own else changes[k]
-            for size in own.get(k, [times * score[k] / information[k] for times in MULTIPLES]):
-                new = np.clip(theta + size * along, low, high)
-                tried.append((new, d, float(new @ prior @ new)))
-        tried = screened(tried, described, model, groups, parameters)
-        gains = [
-            here - left - unlikely + float(theta @ usual @ theta)
-            for (_, _, unlikely), left in zip(tried, seen(*(new for new, _, _ in tried)), strict=True)
-        ]
-        best = max([0.0, *gains])
-        taken = tried[gains.index(best)][:2] if best > 0.0 else None
-        # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
-        margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and CATALOGUE[taken[1].cause].or_payload else 1.0)
-        if not pick and payload and (weight := heavier(best + margin)) is not None:
-            return weight, payload
-        if taken is None or best < 2.0 * NAMED_ODDS:
-            return theta, []
-        new, d = taken
-        # of its best size: what a pick leaves by its size, others would be blamed for
-        new = searched(new, list(d.members), model, groups, parameters, described, prior_of(parameters, [d]), low, high)
-        alone = np.where(nuisance & ~plain[hypotheses.index(d)].astype(bool), 0.0, new - theta)
-        theta, (here,) = new, seen(new)
-        if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
-            return theta, [d]
-    return theta, []
 
 
 def _same_drive(own: Hypothesis, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray:

@@ -18,10 +18,11 @@ from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
+from mrwarp.robot_logs.initial_guess import initial_guess
 from mrwarp.robot_logs.likelihood import Likelihood, Slopes, _currents_alone, gather, replayed
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
-from mrwarp.robot_logs.robot_fit import _initial_guess, fitted_alone, searched
+from mrwarp.robot_logs.robot_fit import FirstLook, fitted_alone, searched
 from mrwarp.robot_logs.robot_log import LogError, load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.selection import (
@@ -373,11 +374,11 @@ def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pyt
     stubs = {
         "gather": lambda *_: likelihood, "select": select, "fit": fit, "replayed": replayed,
         "cross_validated": lambda found, *_: (found, []), "fitted_alone": lambda *_: (np.zeros(2), likelihood, []),
-        "_initial_guess": lambda *_: (np.zeros(2), []), "_nuisances": lambda *_: np.zeros(2),
     }  # fmt: skip
     for name, stub in stubs.items():
         monkeypatch.setattr(robot_fit, name, stub)
-    theta, free, *_ = robot_fit.fitted(SimpleNamespace(free=True), [], [_parameter(), _parameter()], print)
+    look = FirstLook(nuisance=np.zeros(2), described=likelihood, guess=np.zeros(2), guessed=[])
+    theta, free, *_ = robot_fit.fitted(SimpleNamespace(free=True), [], [_parameter(), _parameter()], print, look)
     assert fitted == [first, second]
     assert free == [first] and theta.tolist() == [1.0, 0.0]
 
@@ -777,7 +778,7 @@ def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest
     monkeypatch.setattr(robot_fit, "fitted_alone", fitted_alone)
     monkeypatch.setattr(robot_fit, "fit", fit)
     monkeypatch.setattr(robot_fit, "replayed", lambda e, m, g, p, x: (1e9 * (x[0] - 0.012) ** 2, None))
-    assert robot_fit._nuisances(None, [], [p])[0] == pytest.approx(0.012, abs=1e-4)
+    assert robot_fit.nuisances_of(None, [], [p])[0] == pytest.approx(0.012, abs=1e-4)
     assert begun == [pytest.approx(0.012, abs=1e-4)]
 
 
@@ -827,7 +828,7 @@ def test_a_weak_device_is_the_single_change_that_replays_best(tmp_path: Path) ->
     floor = next(k for k, p in enumerate(parameters) if p.cause == "ground_stiffness")
     assert theta[floor] < -0.2  # the virtual robot's floor is stiffer than the description's
     likelihood = gather(model, groups, parameters, theta, print)
-    guess, (guessed,) = _initial_guess(model, groups, parameters, likelihood, theta)
+    guess, (guessed,) = initial_guess(model, groups, parameters, likelihood, theta)
     assert (guessed.cause, guessed.where) == ("device_strength", "FR_calf")
     assert guess[list(guessed.members)] == pytest.approx(-0.5, abs=0.15)
 
