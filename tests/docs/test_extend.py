@@ -33,6 +33,16 @@ assert np.abs(soft - plain).max() > 0.01
 assert [s.parameter.name for s in slots_of("end_stop")] == ["stiffness", "way"]
 assert make_effect("end_stop", {"stiffness": 2.0, "way": 0.1}).values == {"stiffness": 2.0, "way": 0.1}
 assert "end_stop" in CATALOGUE and "soft_sign" in HYSTERESIS
+
+from tests.effects import test_catalogue, test_path
+test_catalogue.test_tokens_are_those_of_the_contract()
+test_catalogue.test_every_file_of_a_law_is_listed_once()
+for test in (
+    test_catalogue.test_law_is_complete, test_catalogue.test_parameters_have_unit_bounds_and_null,
+    test_path.test_effect_at_null_leaves_every_bit, test_path.test_ranges_have_the_units_of_the_parameters,
+    lambda name: test_path.test_units_of_the_parameters_are_those_of_the_law([name]),
+):
+    test("end_stop")
 """
 
 REWARD_AND_OPTION = """

@@ -1,6 +1,12 @@
 """Every effect of the catalogue at a strength that shows, for tests that need them all."""
 
-STRENGTHS = {
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.law import EffectParameter, Ranges
+
+RANGES = Ranges(q=0.8, qd=6.0, current=1.5, torque=0.7, dt=0.005, session=240.0)
+"""What the made-up data of these tests cover."""
+
+CHOSEN = {
     "command_delay": {"delay": 0.0172},
     "coil_lag": {"time_constant": 0.03},
     "current_gain": {"gain": 1.3},
@@ -25,5 +31,23 @@ STRENGTHS = {
     "torque_sensor_lag": {"time_constant": 0.006},
     "torque_gain": {"gain": 0.8},
     "torque_bias": {"bias": 0.1},
+}
+"""Strengths that are chosen by hand."""
+
+
+def middle(parameter: EffectParameter) -> float:
+    """A visible value: the middle start, the preset, or a third of what its unit is on these data."""
+    if parameter.starts is not None:
+        starts = parameter.starts(RANGES)
+        return starts[len(starts) // 2]
+    if parameter.preset is not None:
+        return parameter.preset(RANGES)
+    angle, current, torque = parameter.scale
+    return parameter.null + 0.3 * RANGES.q**angle * RANGES.current**current * RANGES.torque**torque
+
+
+STRENGTHS = {
+    name: CHOSEN.get(name) or {p.name: middle(p) for p in law.parameters if not p.form}
+    for name, law in CATALOGUE.items()
 }
 """A visible strength of every effect."""

@@ -12,11 +12,6 @@ from tests.effects.strengths import STRENGTHS
 Shaft, TRUTH, EPS, torque, torques = along.Shaft, along.TRUTH, along.EPS, along.torque, along.torques
 
 
-def test_strengths_cover_the_catalogue() -> None:
-    """No effect is left out below."""
-    assert set(STRENGTHS) == set(CATALOGUE)
-
-
 def test_without_effects_the_torque_is_eqs_14_and_15() -> None:
     """Along a fine motion the kernel equals a float64 loop over the way; only the way between samples differs."""
     shaft = Shaft.swinging(dt=0.0005)
