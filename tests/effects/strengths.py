@@ -4,7 +4,7 @@ from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter, Ranges
 
 RANGES = Ranges(q=0.8, qd=6.0, current=1.5, torque=0.7, dt=0.005, session=240.0)
-"""What the made-up data of these tests cover."""
+"""Coverage of the made-up data of these tests."""
 
 CHOSEN = {
     "command_delay": {"delay": 0.0172},
