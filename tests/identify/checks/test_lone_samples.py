@@ -55,7 +55,7 @@ def test_spikes_are_found_among_what_a_mechanism_leaves(at_reversals: bool) -> N
 
 @pytest.mark.parametrize("value", [0.0, -1.75])
 def test_samples_that_were_not_read_are_spikes(value: float) -> None:
-    """One in a hundred samples is 0, or another number, regardless of the torque: always against it, but no law of it."""
+    """One in a hundred samples is 0, or another number, regardless of the torque: always against it, with no law."""
     at, left = measured()
     where = np.sort(np.random.default_rng(8).choice(len(left), 48, replace=False))
     left[where] = value - at.torque[where]
