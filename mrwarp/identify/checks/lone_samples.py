@@ -33,16 +33,18 @@ def find_spikes(
     settings = settings or Settings()
     spikes, gain = settings.spikes, settings.gain
     far = far_off(left, samples, counts, spikes.far)
+    alone = far & _stands_out(left, samples)
+    stuck = _dropouts(alone, samples)
     for along in _events(samples, spikes.event):
         window = along != 0.0
         inside, outside = _rate(far, window & counts), _rate(far, ~window & counts)
         if inside > spikes.locked * outside:
-            alone = far & window & _stands_out(left, samples)
-            far &= ~window if _has_one_sign(left * along, alone, gain) else ~window | alone
-    stuck = _dropouts(far, samples) & _stands_out(left, samples)
-    motion = (np.sign(samples.qd), np.sign(simulated - np.median(simulated)))
-    if any(_has_one_sign(left * x, far & ~stuck, gain) for x in motion):
-        far = stuck
+            own = _has_one_sign(left * along, alone & window & ~stuck, gain)
+            far &= ~window | stuck if own else ~window | alone
+    for along in (np.sign(samples.qd), np.sign(simulated - np.median(simulated))):
+        if _has_one_sign(left * along, far & ~stuck, gain):
+            # of a joint that goes one way, spikes of one sign are along the motion, too
+            far &= alone if abs(float(along.mean())) > gain.half else stuck
     carried = float(np.sum(left[far] ** 2))
     heavy = carried > gain.part * float(np.sum(left[counts] ** 2))
     large = carried > spikes.size**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
@@ -59,7 +61,7 @@ def _has_one_sign(along: np.ndarray, far: np.ndarray, gain: Gain) -> bool:
 
 
 def _dropouts(far: np.ndarray, samples: Dataset) -> np.ndarray:
-    """Far samples of which most have one and the same torque, such as 0, as where nothing was read; bool, shape (N,).
+    """The torque that most far samples have, such as 0, as where nothing was read: those samples; bool, shape (N,).
 
     They are always on the same side of the motion's torque, as if they had a law.
     """

@@ -62,6 +62,19 @@ def test_samples_that_were_not_read_are_spikes(value: float) -> None:
     np.testing.assert_array_equal(np.flatnonzero(found(at, left)), where)
 
 
+def test_spikes_of_one_sign_are_found_where_a_joint_goes_one_way() -> None:
+    """They are along the motion as they are anywhere; what lasts for some samples is still no spike."""
+    at, left = measured()
+    at = dataclasses.replace(at, qd=np.abs(at.qd) + 0.1, torque=np.ones(len(left)))
+    where = np.sort(np.random.default_rng(10).choice(len(left), 40, replace=False))
+    spiky = left.copy()
+    spiky[where] += 3.0
+    np.testing.assert_array_equal(np.flatnonzero(found(at, spiky)), where)
+    for k in where:
+        left[k : k + 6] += 3.0
+    assert not found(at, left).any()
+
+
 def test_what_has_a_law_is_no_spike() -> None:
     """After each step of the current, after each reversal, along the motion, too many, or too small."""
     at, noise = measured()
