@@ -65,6 +65,12 @@ def scale(size: float, unit: str) -> tuple[float, str]:
     return found
 
 
+def rounded(value: float, figures: int) -> str:
+    """A number with so many figures; a large one without a power of ten."""
+    number = float(f"{value:.{figures}g}")
+    return f"{number:.0f}" if abs(number) >= 10.0 ** (figures - 1) else f"{value:.{figures}g}"
+
+
 def digits(value: float, half: float | None = None) -> str:
     """A number with the digits that its half interval leaves, two more than its first uncertain one; else four."""
     if not math.isfinite(value):
@@ -72,10 +78,10 @@ def digits(value: float, half: float | None = None) -> str:
     if value == 0.0:
         return "0"
     if half is None or not math.isfinite(half) or half <= 0.0:
-        return f"{value:.4g}"
+        return rounded(value, 4)
     places = 1 - math.floor(math.log10(half))
     if places > 6 or places < -6:
-        return f"{value:.4g}"
+        return rounded(value, 4)
     return f"{value:.{places}f}" if places >= 0 else f"{round(value, places):.0f}"
 
 

@@ -221,7 +221,7 @@ def _detectable(name: str, value: Value, largest: Mapping[str, float]) -> tuple[
         size = abs(value.value - 1.0) if value.value > 0.5 else abs(value.value)  # as a factor, or as its change
         return capital(text.title(name)), text.percent(size, 2)
     factor, unit = text.shared_scale(value.value, value.unit, largest)
-    size = f"{value.value * factor:.2g} {unit}".strip()
+    size = f"{text.rounded(value.value * factor, 2)} {unit}".strip()
     return capital(text.title(name)), size
 
 

@@ -1,6 +1,7 @@
 """The report: every verdict, everything from data escaped, one offline file."""
 
 import dataclasses
+import math
 import re
 from pathlib import Path
 
@@ -141,6 +142,16 @@ def test_one_quantity_has_one_unit_in_a_table() -> None:
     assert f"{errors.baseline.rmse:.3g} N·m" in printed and f"{errors.extended.rmse:.3g} N·m" in printed
     largest = text.largest_of([values["coil_lag"], Value(value=1200.0, ci95=(1e3, 2e3), unit="s")])
     assert text.readable(values["coil_lag"], largest=largest).value.endswith(" ms")
+
+
+def test_no_number_of_the_page_has_a_power_of_ten_for_its_size() -> None:
+    """150 kg·cm² and 40000 N·m/rad are not 1.5e+02 and 4e+04, neither as a smallest size nor as a cause's number."""
+    large = Value(value=0.01504, ci95=(0.01504, 0.01504), unit="kg·m²")
+    stiff = Value(value=40120.0, ci95=(-math.inf, math.inf), unit="N·m/rad")
+    cause = Cause(name="series_compliance", parameters={"x": stiff}, p_value=1e-9, alternatives=(), gain=0.3)
+    changed = dataclasses.replace(made_up.make(), detectable={"rotor_inertia": large}, causes=(cause,))
+    page = render(changed, "c", pictures={})
+    assert "150 kg·cm²" in page and "40120 N·m/rad" in page and "e+0" not in page
 
 
 def test_a_factor_is_a_change_in_per_cent() -> None:
