@@ -350,7 +350,10 @@ def align_clocks(problem: Problem, fit: Fit) -> Problem:
     k = int(np.argmin(totals))
     gain, t = gain_and_t(losses[0], losses[k])
     settings = problem.settings.gain
-    if gain < max(5.0 * threshold(problem, fit), settings.share * totals[0]) or t < settings.clear_t:
+    if (
+        gain < max(problem.settings.rest.certainly * threshold(problem, fit), settings.share * totals[0])
+        or t < settings.clear_t
+    ):
         return problem
     found = shifts[k]
     if 0 < k < len(totals) - 1:  # the vertex of the parabola through the best and its neighbours

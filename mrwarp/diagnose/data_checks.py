@@ -11,7 +11,7 @@ from mrwarp.identify.checks.refusal_reason import explains_nothing, missed
 from mrwarp.identify.contradictions import contradictions
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
-from mrwarp.sysid.settings import Settings
+from mrwarp.sysid.settings import Gain, Settings
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.held_out import HeldOut
@@ -115,7 +115,7 @@ def gaps(recording: Recording) -> list[str]:
             "delay, remanence, saturation, viscosity over current); record several constant levels and steps between "
             "them while the joint moves"
         )
-    elif all(np.ptp(run.current) <= 0.02 * top for run in runs):
+    elif all(np.ptp(run.current) <= Gain.unchanging * top for run in runs):
         found.append(
             f"the {name} is constant within each trajectory: coil lag, command delay and remanence cannot be seen; "
             f"record steps of the {name} while the joint moves"

@@ -430,10 +430,10 @@ def drifts(effect: str) -> bool:
 def as_good(problem: Problem, fit: Fit, best: Fit, base: Fit) -> bool:
     """Whether a model cannot be distinguished from a better one, by what both gain on a base."""
     loss, t = gain_and_t(fit.loo_loss, best.loo_loss)
-    own, settings = base.total - best.total, problem.settings.gain
-    if all(drifts(e) for e in set(fit.effects) ^ set(best.effects)):  # shows in trajectories, not by samples
-        return loss < settings.distinct or (t < 2.0 and loss < 0.05 * own)
-    return loss < settings.distinct or (t < 1.5 and loss < 0.01 * own)
+    gain, search = problem.settings.gain, problem.settings.search
+    slowly = all(drifts(e) for e in set(fit.effects) ^ set(best.effects))
+    least_t, part = (gain.likely_t, search.same_slowly) if slowly else (search.same_t, search.same)
+    return loss < gain.distinct or (t < least_t and loss < part * (base.total - best.total))
 
 
 def covariance(fit: Fit) -> np.ndarray:

@@ -253,7 +253,7 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
     while fit is not models.base:
         left = [f for f in leftovers(models.problem, fit) if f.gain > threshold(models.problem, fit)]
         # what the effects have mostly taken up is their own law in another form, not another structure
-        left = [f for f in left if f.gain > 0.3 * gain_before[f.group.key]][:2]
+        left = [f for f in left if f.gain > settings.taken_up * gain_before[f.group.key]][:2]
         if not left:
             return fit
         full = _loss_with(models.problem, fit, np.vstack([f.group.rows for f in left]))

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from mrwarp.identify.dataset import MOVING, Motion
 from mrwarp.sysid.least_squares import ridge_solve
 
-_PAST = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.0)
+_PAST = (*(0.01 * 2**k for k in range(7)), 1.0)
 """How far back the features look [s]."""
 _FOLDS = 5
 _RIDGE = 1e-3

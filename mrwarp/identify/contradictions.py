@@ -12,6 +12,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from mrwarp.identify.checks.refusal_reason import (
+    LITTLE,
+    MOSTLY,
     UNLIKELY,
     by_place,
     explains_nothing,
@@ -21,15 +23,13 @@ from mrwarp.identify.checks.refusal_reason import (
 )
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
-from mrwarp.sysid.settings import Data
+from mrwarp.sysid.settings import Data, Gain
 
 if TYPE_CHECKING:
     from mrwarp.identify.dataset import Dataset
 
-_FOLLOWED = 0.02
-"""Part of the torque's variance that motion and current must predict, by the plainest laws of a passive joint."""
 _BY_CURRENT = 1e-3
-"""Part of it that a current which changes must add to the motion alone."""
+"""Part of the torque's variance that a current which changes must add to the motion alone."""
 DRIVES = 0.3
 """Part of the power, in size, that a torque with a turned sign gives to the motion."""
 _COPY = 1e-6
@@ -40,13 +40,6 @@ _COIL = ("A", "V")
 """Units of a control input that is a size and acts on the torque; a flag, a load or a pressure need not."""
 _PLACE = 0.1
 """Part of it that the mean torque at the same place must predict to belong to the motion."""
-_TURNED = 0.5
-"""Part of what plain laws leave of a run's torque that they may leave at most when its sign is turned."""
-_JUMP, _OTHERS = 0.5, 0.02
-"""Least jump of the angle between two samples that no joint makes, and largest 95th percentile of its other steps, in
-ranges of the run's angle."""
-_BELONG = 0.5
-"""Least correlation of qd with dq/dt, and least ratio of the two; at most its inverse."""
 
 
 def contradictions(recording: Recording) -> list[str]:
@@ -150,10 +143,10 @@ def _jumps(recording: Recording) -> str:
     """Whether the angle jumps, as it does where it begins again or where two runs stand in one file."""
     for run in recording.trajectories:
         steps, reach = np.abs(np.diff(run.q)), float(np.ptp(run.q))
-        at = np.flatnonzero(steps > _JUMP * reach)
+        at = np.flatnonzero(steps > MOSTLY * reach)
         at = at[(at >= 3) & (at + 4 < len(run.q))]
-        stays = [abs(np.median(run.q[k + 1 : k + 5]) - np.median(run.q[k - 3 : k + 1])) > _JUMP * reach for k in at]
-        if any(stays) and np.percentile(steps, 95) < _OTHERS * reach:
+        stays = [abs(np.median(run.q[k + 1 : k + 5]) - np.median(run.q[k - 3 : k + 1])) > MOSTLY * reach for k in at]
+        if any(stays) and np.percentile(steps, 95) < LITTLE * reach:
             k = int(at[np.argmax(stays)])
             name, unit = quantity("q", recording.units), recording.units["q"]
             return (
@@ -174,12 +167,12 @@ def _wrong_velocity(recording: Recording) -> str:
     own, other, both = float(qd @ qd), float(derived @ derived), float(qd @ derived)
     if own == 0.0:
         return "qd is 0 throughout while q moves: leave the column out, then it is derived, and try again"
-    if both < _BELONG * np.sqrt(own * other):
+    if both < MOSTLY * np.sqrt(own * other):
         return (
             f"qd is not the derivative of q (correlation {both / np.sqrt(own * other):.2f}): are two columns swapped, "
             "or of different joints? Put them right, or leave qd out, and try again"
         )
-    if not _BELONG < both / own < 1.0 / _BELONG:
+    if not MOSTLY < both / own < 1.0 / MOSTLY:
         return f"dq/dt is {both / own:.3g} times qd: one of them is in another unit; convert it, and try again"
     return ""
 
@@ -207,8 +200,8 @@ def _unrelated(
             f"{quantity('q', recording.units)}, is turned against eq. 14, or the motion answers to the {torque_name} "
             "as in a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
         ]
-    varies = recording.units["current"] in _COIL and np.ptp(current) > 0.02 * np.abs(current).max()
-    unrelated = with_current > 1.0 - _FOLLOWED and not follows_place(recording)
+    varies = recording.units["current"] in _COIL and np.ptp(current) > Gain.unchanging * np.abs(current).max()
+    unrelated = with_current > 1.0 - LITTLE and not follows_place(recording)
     constant = varies and unexplained - with_current < _BY_CURRENT * with_current
     if (unrelated or constant) and (hardly := hardly_moves([run.q for run in runs], recording.units)):
         return [hardly]
@@ -259,7 +252,7 @@ def opposed(runs: Sequence[Trajectory]) -> list[str]:
     turned = []
     for run in (run for run, power in zip(runs, powers, strict=True) if power < -DRIVES):
         free, passive = _plain_laws(run.q, run.qd, np.gradient(run.qd, run.dt), run.current)
-        if _left(-run.torque, free, passive) < _TURNED * _left(run.torque, free, passive):
+        if _left(-run.torque, free, passive) < MOSTLY * _left(run.torque, free, passive):
             turned.append(run.id)
     return turned
 

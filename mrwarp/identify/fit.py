@@ -32,6 +32,7 @@ from mrwarp.identify.replay import Replay
 from mrwarp.model_file import Effect
 from mrwarp.params import BoucWenParams, holding_curve
 from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
+from mrwarp.sysid.settings import Gain
 
 PARAMETERS = (*LINEAR, *SHAPE)
 """Fitted parameters of eqs. 14 and 15."""
@@ -180,7 +181,7 @@ def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnin
     errors = [(sim - run.torque)[run.known] for sim, run in zip(torques, runs, strict=True)]
     groups: dict[str, list[np.ndarray]] = {}
     for run, error in zip(runs, errors, strict=True):
-        constant = np.ptp(run.current) <= 0.02 * max(1e-9, float(np.abs(run.current).max()))
+        constant = np.ptp(run.current) <= Gain.unchanging * max(1e-9, float(np.abs(run.current).max()))
         groups.setdefault(f"{np.median(run.current):.3g}" if constant else "varying", []).append(error)
     rmse = rms(np.concatenate(errors))
     return {

@@ -14,12 +14,10 @@ import numpy as np
 
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.noise import Noise
-from mrwarp.sysid.least_squares import ridge_solve
+from mrwarp.sysid.least_squares import RANK, ridge_solve
 from mrwarp.sysid.left_out import predicted
 from mrwarp.sysid.pieces import Pieces, without_nuisances
 
-_RANK = 1e-9
-"""Eigenvalues of a correlation matrix below this count as zero."""
 _LEAST_FACTOR = 0.1
 """Smallest factor of a trajectory that derivatives are multiplied by."""
 _TOGETHER = 10_000
@@ -45,7 +43,7 @@ def bounded_solve(gram: np.ndarray, moment: np.ndarray, bounded: np.ndarray) -> 
             return solution, free
         d = scale[free]
         values, vectors = np.linalg.eigh(gram[np.ix_(free, free)] / np.outer(d, d))
-        keep = values > _RANK * values[-1]
+        keep = values > RANK * values[-1]
         inner = vectors[:, keep] @ ((vectors[:, keep].T @ (moment[free] / d)) / values[keep])
         solution[free] = inner / d
         outside = bounded & (solution < 0)

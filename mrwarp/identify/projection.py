@@ -19,7 +19,7 @@ from mrwarp.identify.checks.lone_samples import find_spikes
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.normal_equations import bounded_solve
 from mrwarp.identify.replay import Replay
-from mrwarp.sysid.least_squares import Rules, minimise
+from mrwarp.sysid.least_squares import RANK, Rules, minimise
 from mrwarp.sysid.left_out import predicted
 from mrwarp.sysid.pieces import Pieces, Quadratic
 
@@ -27,8 +27,6 @@ _STEP = 1e-2
 """Step of the central differences in (logarithmic) shape parameters: truncation and float32 noise both below 1e-4."""
 FEW = 8
 """Fewer trajectories than this are cut into blocks to judge the errors."""
-_RANK = 1e-9
-"""Eigenvalues of a correlation matrix below this count as zero."""
 _SUBSET = 20_000
 """Samples on which the starts are searched."""
 _STARTS = 3
@@ -175,7 +173,7 @@ def _reduced(point: Point) -> Quadratic:
     values = np.append(point.linear, np.zeros(len(shape)))
     descent = gram[:-1, -1] - gram[:-1, :-1] @ values
     inner, cross = gram[np.ix_(keep, keep)], gram[np.ix_(keep, shape)]
-    lift = np.linalg.lstsq(inner, cross, rcond=_RANK)[0]
+    lift = np.linalg.lstsq(inner, cross, rcond=RANK)[0]
     return Quadratic(
         point.sse, gram[np.ix_(shape, shape)] - cross.T @ lift, descent[shape] - lift.T @ descent[keep], point
     )

@@ -13,6 +13,8 @@ import numpy as np
 
 from mrwarp.sysid.pieces import Quadratic
 
+RANK = 1e-9
+"""Share of the largest eigenvalue of a correlation matrix that counts as zero, and ridge that keeps it regular."""
 HELD_ROUNDS = 30
 """Rounds at most in which numbers are held at their bounds and let go again."""
 
@@ -164,7 +166,7 @@ def minimum_within(
     return x, ~free
 
 
-def ridge_solve(gram: np.ndarray, moment: np.ndarray, ridge: float = 1e-9) -> np.ndarray:
+def ridge_solve(gram: np.ndarray, moment: np.ndarray, ridge: float = RANK) -> np.ndarray:
     """Least squares from (a stack of) normal equations, with a small relative ridge."""
     scale = np.sqrt(np.maximum(np.einsum("...ii->...i", gram), 1e-300))
     normal = gram / (scale[..., :, None] * scale[..., None, :])

@@ -15,14 +15,10 @@ if TYPE_CHECKING:
 UNLIKELY = 0.6
 """Part of the torque's variance that the plainest laws leave from which a model is likely to explain next to nothing:
 hysteresis and weakening, which they lack, bear up to a quarter of it, and the hysteresis of a joint leaves half."""
-_SPIKES = 0.02
-"""Share of the samples, those with the largest errors, that do not count: single spikes are no model's fault."""
+MOSTLY, LITTLE = 0.5, 0.02
+"""Share of a variance, a correlation or a range from which most of it is meant, and up to which next to none is."""
 _HARDLY = 100.0
 """Range of the angle, in standard deviations of its noise, below which a joint hardly moves."""
-_NOISY = 0.5
-"""Share of the torque's variance that differs from sample to sample from which it is noise mostly."""
-_FOLLOWS = 0.5
-"""Share of what plain laws leave of the torque that something must predict if the torque is to follow it."""
 _OPPOSES = 0.2
 """Negative correlation of a run's torque with its acceleration from which the runs have no inertia in common."""
 _PER_BIN, _BINS = 20, (20, 720)
@@ -42,8 +38,8 @@ def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray | float = 1
         counts: Weight of each sample, shape (N,): 0 where it takes no part.
     """
     seen = np.broadcast_to(counts, error.shape) > 0.0
-    size = np.abs(error[seen])
-    plain = size <= np.quantile(size, 1.0 - _SPIKES)
+    size = np.abs(error[seen])  # the few samples with the largest errors do not count
+    plain = size <= np.quantile(size, 1.0 - LITTLE)
     return float(np.sqrt(np.mean(size[plain] ** 2))) / (float(torque[seen][plain].std()) or 1.0)
 
 
@@ -87,15 +83,15 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
     in_all, in_each = (
         _followed(rest, rest - by_place(data.q, rest, data.parts, turn, own=own)) for own in (False, True)
     )
-    if by_inertia > max(_FOLLOWS, in_all):
+    if by_inertia > max(MOSTLY, in_all):
         share = 100.0 * by_inertia
         return f"{share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
-    if in_all > _FOLLOWS:
+    if in_all > MOSTLY:
         return (
             f"{100.0 * in_all:.0f} % of what they leave comes again at the same {angle} in all runs, as cogging or a "
             f"weight's {torque} does{named}"
         )
-    if in_each > _FOLLOWS:
+    if in_each > MOSTLY:
         cogs = float(np.ptp(data.q)) > turn
         load = "cogging that" if cogs else "a load that depends on the place, such as a weight or a spring, and"
         differs = f"differs between runs{f', or an {angle} that begins elsewhere in each' if cogs else ''}"
@@ -131,7 +127,7 @@ def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
 def own_noise(torques: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
     """Noise of a torque, of each run, that is hardly more than noise; nothing if it is more."""
     rough = float(np.mean([_white(torque) ** 2 for torque in torques]))
-    noisy = rough > _NOISY * float(np.concatenate(torques).var())
+    noisy = rough > MOSTLY * float(np.concatenate(torques).var())
     return with_unit(f"{np.sqrt(rough):.2g}", units["torque"]) if noisy else ""
 
 

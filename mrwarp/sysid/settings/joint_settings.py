@@ -69,6 +69,15 @@ class Search(Checked):
     """That part where the free functions gain much more than the effect."""
     nearly_all: float = setting(10.0, 1.0, 1e6, fewer="proxies", more="work")
     """Ratio of losses without and with an effect from which it stands in for nothing."""
+    taken_up: float = setting(0.3, 0.0, 1.0, fewer="missed causes", more="proxies of other structure")
+    """Part of a structure's gain before the effects that they have to leave of it: what they have mostly taken up is
+    their own law in another form."""
+    same: float = setting(0.01, 0.0, 1.0, fewer="single answers", more="alternatives")
+    """Part of an effect's gain by which another may be behind and still do as well in its place."""
+    same_t: float = setting(1.5, 0.0, 10.0, fewer="single answers", more="alternatives")
+    """t of that difference from which it does not."""
+    same_slowly: float = setting(0.05, 0.0, 1.0, fewer="single answers", more="alternatives")
+    """That part for what drifts over the session: it shows in trajectories, not by samples."""
     bent: float = setting(0.05, 0.0, 1.0, fewer="bent laws by chance", more="biased numbers")
     """Part of what a model leaves that a bent law must take away."""
 
