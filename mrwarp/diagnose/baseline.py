@@ -187,7 +187,7 @@ def decimate(recording: Recording, reading: Reading) -> tuple[Recording, str | N
     runs, every = recording.trajectories, 1
     factors = [1] * len(runs)
     # the widest odd step of each trajectory that keeps its rate
-    least = [max(reading.least_rate, reading.per_period * _quickest(run, reading.quick_share)) for run in runs]
+    least = [max(reading.least_rate, reading.per_period * _quickest(run)) for run in runs]
     widest = [
         max(1, 2 * int((1.0 / run.dt / rate + 1e-6 + 1.0) / 2.0) - 1) for run, rate in zip(runs, least, strict=True)
     ]
@@ -205,11 +205,11 @@ def decimate(recording: Recording, reading: Reading) -> tuple[Recording, str | N
     return out, f"{recording.samples} samples are more than a diagnosis needs: it used {out.samples}, at {rates} Hz"
 
 
-def _quickest(run: Trajectory, share: float) -> float:
-    """Frequency below which this share of the torque's energy lies [Hz]."""
+def _quickest(run: Trajectory) -> float:
+    """Frequency below which 95 % of the torque's energy lies [Hz]."""
     varies = (run.torque - run.torque.mean()) * np.hanning(len(run.t))
     energy = np.cumsum(np.abs(np.fft.rfft(varies)) ** 2)
-    return float(np.searchsorted(energy, share * energy[-1])) / (len(run.t) * run.dt)
+    return float(np.searchsorted(energy, 0.95 * energy[-1])) / (len(run.t) * run.dt)
 
 
 def _every(run: Trajectory, every: int) -> Trajectory:

@@ -263,7 +263,7 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
         kept: dict[str, float] = {}
         for effect in models.added(fit):
             without = models.without(fit, effect)
-            if without.total > settings.nearly_all * fit.total:
+            if fit.total < models.problem.settings.rest.unreported * without.total:  # it explains nearly all
                 continue
             alone = without.total - fit.total
             # along the hysteresis without the effect: along its own they would have its shape

@@ -67,8 +67,6 @@ class Search(Checked):
     """Part of an effect's gain that must remain next to free functions of its rest."""
     kept_next_to_more: float = setting(0.5, 0.01, 1.0, fewer="proxies", more="missed causes next to others", by=RATES)
     """That part where the free functions gain much more than the effect."""
-    nearly_all: float = setting(10.0, 1.0, 1e6, fewer="proxies", more="work")
-    """Ratio of losses without and with an effect from which it stands in for nothing."""
     taken_up: float = setting(0.3, 0.0, 1.0, fewer="missed causes", more="proxies of other structure")
     """Part of a structure's gain before the effects that they have to leave of it: what they have mostly taken up is
     their own law in another form."""
@@ -109,7 +107,8 @@ class Rest(Checked):
     """Least t of structure that is slow or has a memory: it differs between trajectories by chance, too."""
     unreported: float = setting(0.1, 0.0, 0.5, fewer="open questions", more="errors that nobody reports")
     """Share of the mismatch that may repeat without being reported. A half of the data that has less of an effect's
-    energy says nothing of its size: what else is wrong there is as large."""
+    energy says nothing of its size: what else is wrong there is as large. An effect that leaves less of the loss
+    stands in for nothing."""
     with_law: float = setting(2 / 3, 0.0, 1.0, fewer="missed noise of runs", more="rests of the law taken for noise")
     """Ratio of squares, next to a law of another shape, below which what differs where a motion comes again is clearly
     less than what boosting leaves: much of that is the law's own rest."""

@@ -71,10 +71,9 @@ class Reading(Checked):
     """Samples up to which a recording is diagnosed as it is: beyond, more of them say nothing new."""
     least_rate: float = setting(300.0, 1.0, 1e5, fewer="missed lags", more="time")
     """Rate below which nothing is decimated [Hz]: lags of a few milliseconds must still show."""
-    quick_share: float = setting(0.95, 0.0, 1.0, fewer="accelerations that are too small", more="time")
-    """Share of the torque's energy below the frequency that counts as its quickest."""
     per_period: float = setting(10.0, 2.0, 1e3, fewer="accelerations that are too small", more="time")
-    """Samples per period of that frequency that are kept at least: an acceleration of fewer is too small by a tenth."""
+    """Samples per period of the torque's quick part that are kept at least: an acceleration of fewer is too small by a
+    tenth."""
     misfit: float = setting(1.3, 1.0, 100.0, fewer="plain least squares", more="misfits that are whitened as noise")
     """Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
     many: int = setting(20, 2, 1000, fewer="drifts in the noise", more="effects in the noise")
