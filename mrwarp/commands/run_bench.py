@@ -76,7 +76,7 @@ class Bench(Options):
         try:
             return self._run(cfg, line)
         except KeyboardInterrupt:
-            left = f"what {self.out} holds is not complete" if self.out.exists() else "nothing was written"
+            left = f"{self.out} is incomplete" if self.out.exists() else "nothing was written"
             raise KeyboardInterrupt(left) from None
 
     def _cfg(self) -> BenchCfg:

@@ -45,11 +45,12 @@ class Demo(Options):
         from mrwarp.identify.fit import fit
         from mrwarp.identify.fit_pictures import loops_picture
 
-        progress.note("a joint on a bench with hidden effects, and eq. 14 identified from what was recorded")
+        progress.note("recording a joint on the virtual bench, and fitting eq. 14 to the recording")
         recording = run_bench(BenchCfg(trajectories=RUNS, samples=SAMPLES, evaluation_samples=0)).fit
         fitted = fit(recording)
         loops_picture(recording, fitted, None, loop)
-        print(f"eq. 14 leaves {100 * fitted.nrmse:.1f} % of the joint's torque; what that is says 'mrwarp diagnose'")
+        left = f"{100 * fitted.nrmse:.1f} %"
+        print(f"eq. 14 leaves {left} of the joint's torque unexplained; 'mrwarp diagnose joint' looks for the causes")
         print(
             f"\n{walk}: robots that walk on brakes\n{loop}: a joint's loops next to its recording\n"
             f"({progress.seconds:.0f} s) Next: mrwarp play --policy {DEFAULT_POLICY.name} opens a viewer, "

@@ -153,7 +153,7 @@ class DiagnoseJoint(DiagnoseOptions):
         extras: dict[str, Any] = {}
         tables: dict[str, Table] = {}
         if unseen is not None and d.predictor is None:
-            progress("note: no verdict: nothing is predicted")
+            progress("note: --predict: no verdict, so nothing is predicted")
         elif unseen is not None and d.predictor is not None:
             errors = predicted_errors(d.predictor, unseen, averaged=self.averaged, log=progress)
             means = summary(errors)
@@ -161,7 +161,7 @@ class DiagnoseJoint(DiagnoseOptions):
             extras["predicted"] = {**source, "nrmse": errors, "mean": means}
             tables["predicted"] = printed.predicted_table(means)
         if self.learn and (d.traces is None or not (d.causes or (d.account is not None and d.account.open))):
-            progress("note: no named cause, and nothing that repeats without one: there is nothing to learn")
+            progress("note: --learn: no named cause and no repeatable error, so there is nothing to learn")
         elif self.learn and d.traces is not None:
             from mrwarp.identify.learn import left_to_learn
 
@@ -169,7 +169,7 @@ class DiagnoseJoint(DiagnoseOptions):
             extras["learned"] = left_to_learn(d.recording, *models, progress=progress)
             tables["learned"] = printed.learned_table(extras["learned"], d.baseline.unit)
         if self.impact and (d.model is None or not d.causes):
-            progress("note: no extension: the robot is what it was")
+            progress("note: --impact: no cause was named, so there is no second robot to compare")
         elif self.impact and d.model is not None:
             from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
             from mrwarp.trials.impact_figures import EFFECT_FIGURES, impact_change

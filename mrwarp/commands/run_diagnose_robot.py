@@ -75,7 +75,7 @@ class DiagnoseRobot(opt.LogOptions, DiagnoseOptions):
             if self.policy is not None and d.causes:
                 walked = walk_change(d, self.policy, seed=self.seed, progress=progress)
             elif self.policy is not None:
-                progress("note: no extension: the robot is what it was")
+                progress("note: --policy: no cause was named, so there is no second robot to compare")
             extras = {"walk": vars(walked)} if walked else {}
             with undisturbed():
                 self.clear(log_pictures.NAMES)

@@ -264,7 +264,7 @@ class Learn(Options):
             figures["evaluation"] = {name: learn.summary(found) for name, found in errors.items()}
             print(learn.table(figures["evaluation"]))
         if physical is None:
-            print("note: without --bouc-wen the network counts as one of the paper's device, and runs in no other")
+            print("note: no --bouc-wen: the network is taken as one of the paper's device and runs on no other")
         network_file.save(model, self.out / "model.safetensors")
         network_file.export_onnx(model, self.out / "model.onnx")
         write_result(self.out, figures, seed=self.seed, command=str(line))

@@ -210,5 +210,6 @@ def limited(env: WalkEnv) -> list[str]:
     most = sorted({current for _, current in coils if current < top})
     joints = {current: ", ".join(joint for joint, own in coils if own == current) for current in most}
     return [
-        f"warning: {joints[i]} take at most {i:.4g} A; training currents up to {top:g} A are cut to it" for i in most
+        f"warning: training currents up to {top:g} A are limited to {i:.4g} A at {joints[i]}, which take no more"
+        for i in most
     ]

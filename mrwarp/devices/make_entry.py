@@ -190,8 +190,9 @@ def _unexplained(result: Mapping[str, Any]) -> str:
     account, found = result["account"], result["unexplained"]
     shares = {name: f"{100 * account[name]['share']:.1f} %" for name in ("named", "repeatable", "not_repeatable")}
     parts = [
-        f"of the squared error of {result['law']['title'] if result['law'] else 'eq. 14'} the named effects take "
-        f"{shares['named']}; {shares['repeatable']} comes again without a name, {shares['not_repeatable']} does not"
+        f"of the squared error of {result['law']['title'] if result['law'] else 'eq. 14'} the named effects explain "
+        f"{shares['named']}; {shares['repeatable']} repeats without a named cause, "
+        f"{shares['not_repeatable']} does not repeat"
     ]
     if found:
         parts.append(f"structure along {', '.join(found['depends_on'])}: {found['form']}")

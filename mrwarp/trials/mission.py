@@ -226,7 +226,7 @@ def _paired(robot: str, walked: Mapping[str, PhaseLoad]) -> dict[str, PhaseLoad]
     if not len(both):
         raise MissionError(
             f"{paper.NAMES[robot]}: no repetition finished both windows, only {numbers[0]} and {numbers[1]}; use more "
-            "--seeds or another policy"
+            "--trials or another policy"
         )
     return {name: phase.of(both) for name, phase in walked.items()}
 

@@ -201,7 +201,7 @@ def taken_currents(
     currents = tuple(dict.fromkeys(currents))
     if currents == tuple(default) and max(currents) > most:
         currents = tuple(dict.fromkeys(min(current, most) for current in currents))
-        print(f"note: the devices take at most {most:g} A, and get {', '.join(f'{i:g}' for i in currents)} A")
+        print(f"note: limited to the devices' {most:g} A: {', '.join(f'{i:g}' for i in currents)} A")
     check_currents(actuators, currents)
     return currents
 

@@ -266,7 +266,7 @@ def test_a_coil_of_less_current_is_told(tmp_path: Path, capsys: pytest.CaptureFi
     options = ["--num-envs", "4", "--iterations", "1", "--no-gate", "--asset", str(asset)]
     assert main(["train", *options, "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
-    assert "warning: FL_calf take at most 0.3 A; training currents up to 1.5 A are cut to it" in said
+    assert "warning: training currents up to 1.5 A are limited to 0.3 A at FL_calf, which take no more" in said
 
 
 @pytest.mark.parametrize(("world", "code"), [(1, 1), (2, 0)])

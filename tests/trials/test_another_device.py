@@ -94,7 +94,7 @@ def test_currents_end_at_what_the_device_takes(
     line = ["play", "--agent", "zero", "--model", str(small_brake), "--seconds", "1", "--out", str(tmp_path / "out")]
     assert main(line) == 0
     shown = capsys.readouterr().out
-    assert "take at most 1 A, and get 0, 0.5, 1 A" in shown and "3 of 3 robots" in shown
+    assert "limited to the devices' 1 A: 0, 0.5, 1 A" in shown and "3 of 3 robots" in shown
     assert json.loads((tmp_path / "out" / "result.json").read_text())["currents"] == [0.0, 0.5, 1.0]
     assert main([*line, "--current", "0", "1.2"]) == 2
     assert "--current 1.2: FL_calf takes 0 to 1 A" in capsys.readouterr().err
