@@ -26,8 +26,6 @@ from mrwarp.sysid.jackknife import sum_and_error
 from mrwarp.sysid.settings import Proof
 
 _SPEEDS = ("slow and quick motion", "low and high speed")
-_LOW_SPEED = 0.25
-"""Speed, as a share of the typical one, above which Stribeck friction has nothing to do with low speed."""
 _LARGER = (1.0, 1.7, 2.8)
 """Factors of the gap from which play is fitted again."""
 _SHORT = "it is shorter than a sample: with this law it may only round the corners of the loop"
@@ -277,9 +275,6 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     """Why no device has an effect of such a size, or nothing."""
     first, ranges, torque = fit.parameters.own(effect)[0], problem.motion.ranges, problem.motion.torque
     value = dict(fit.parameters.items())[first].value(fit.x[first])
-    parameter = KNOWN[effect].parameters[0]
-    if value > (most := parameter.most(ranges)):
-        return f"{1e3 * value:.3g} ms are not possible: {parameter.beyond} (at most {1e3 * most:.0f} ms)"
     if problem.misfit and KNOWN[effect].rounds_corners and value < ranges.dt:
         return _SHORT
     unseen = problem.settings.proof.unseen * ranges.dt
@@ -291,12 +286,15 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
         and value * ranges.torque < 0.5 * ranges.qd * ranges.dt
     ):
         return _HIDDEN_BY_PLAY
-    if effect == "temperature_drift":
+    if KNOWN[effect].one_positive:
         value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
     if would_be_negative(effect, value):
         return f"it would be negative: {KNOWN[effect].positive}"
-    if effect == "stribeck" and fit.parameters.values(fit.x)[effect]["stribeck_speed"] > _LOW_SPEED * ranges.qd:
-        return "it would act at nearly all speeds, and Stribeck friction is a matter of low ones"
+    for i, slot in fit.parameters.items():
+        size, most, beyond = slot.value(fit.x[i]), slot.parameter.most(ranges), slot.parameter.beyond
+        if slot.effect == effect and size > most:
+            times = f"{1e3 * size:.3g} ms are not possible: {beyond} (at most {1e3 * most:.0f} ms)"
+            return times if slot.parameter.unit == "s" else beyond
     counts, bears = problem.weight > 0.0, fit.torque - without_effect(problem, fit, effect)
     if effect == "compliance_with_backlash" and np.mean([bears[part].any() for part in problem.motion.parts]) < 0.5:
         return "it would act in less than half of the runs, at the ends of the widest ways only"

@@ -244,6 +244,8 @@ class EffectLaw:
     needs: Literal["", "change", "command", "field"] = ""
     """Control input without which there is no such effect: one that changes, or a changing command that can lag, or
     the current of a magnetic field."""
+    one_positive: bool = False
+    """Whether that holds for the larger of its linear numbers, not for the first."""
     rounds_corners: bool = False
     """Whether it rounds a loop's corners, which a law of another shape draws too sharply."""
     yields: bool = False

@@ -34,6 +34,8 @@ LAW = EffectLaw(
             divides=True,
             low=lambda r: 0.008 * r.qd,
             high=lambda r: 0.7 * r.qd,
+            most=lambda r: 0.25 * r.qd,
+            beyond="it would act at nearly all speeds, and Stribeck friction is a matter of low ones",
             starts=lambda r: tuple(x * r.qd for x in (0.02, 0.05, 0.1, 0.2, 0.4)),
         ),
         DRY_FRICTION_SPEED,

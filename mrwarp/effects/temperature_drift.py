@@ -41,5 +41,6 @@ LAW = EffectLaw(
     source="paper section 5.2: yield stress and viscosity fall with temperature",
     depends_on=("time", "memory"),
     remedy="let the device rest between runs, or record its temperature",
-    positive="what warms up loses torque",  # one of both losses
+    positive="what warms up loses torque",
+    one_positive=True,
 )

@@ -151,9 +151,9 @@ def test_cogging_at_one_angle_only_is_a_suspect() -> None:
         assert bool(_halves_rejection("cogging", fit, problem)) == local
 
 
-def with_gear(problem: Problem, **numbers: float) -> Fit:
-    """The paper's device with a spring behind play, of these numbers, as if they had been fitted."""
-    fit, layout = known.fitted(problem), problem.parameters(["compliance_with_backlash"])
+def as_fitted(problem: Problem, effect: str, **numbers: float) -> Fit:
+    """The paper's device with an effect of these numbers, as if they had been fitted."""
+    fit, layout = known.fitted(problem), problem.parameters([effect])
     x = fit.parameters.moved(fit.x, layout)
     for i, slot in layout.items():
         value = numbers[slot.parameter.name]
@@ -165,8 +165,17 @@ def test_what_another_term_takes_back_is_a_suspect() -> None:
     """A spring that would bear many times the torque, about a hair's gap, only bends C."""
     problem = known.problem(seed=50, at=known.motion(50, runs=4, seconds=2.0))
     stiffness = 300.0 * problem.motion.torque.std() / np.ptp(problem.motion.q)
-    made = with_gear(problem, stiffness=float(stiffness), half_gap=1e-3)
+    made = as_fitted(problem, "compliance_with_backlash", stiffness=float(stiffness), half_gap=1e-3)
     assert "times the torque" in _size_rejection("compliance_with_backlash", made, problem)
+
+
+@pytest.mark.parametrize(("share", "possible"), [(0.2, True), (0.3, False)])
+def test_a_law_says_how_large_each_of_its_numbers_may_be(share: float, possible: bool) -> None:
+    """Stribeck friction over a quarter of the speeds and more is none."""
+    problem = known.problem(seed=50, at=known.motion(50, runs=4, seconds=2.0))
+    numbers = {"torque": 0.05, "stribeck_speed": share * problem.motion.ranges.qd, "speed": 0.05}
+    made = as_fitted(problem, "stribeck", **numbers)
+    assert ("nearly all speeds" not in _size_rejection("stribeck", made, problem)) == possible
 
 
 @pytest.mark.parametrize(("runs", "rejection"), [(2, "less than half of the runs"), (6, "")])
@@ -174,7 +183,7 @@ def test_play_that_few_runs_would_cross_is_a_suspect(runs: int, rejection: str) 
     """A spring that the widest two of eight runs would reach; one that six reach is possible."""
     problem = known.problem(seed=50, at=known.motion(50, runs=8, seconds=2.0))
     reach = sorted(np.abs(problem.motion.q[part] - problem.q_zero).max() for part in problem.motion.parts)
-    made = with_gear(problem, stiffness=0.3, half_gap=float(reach[-runs] - 1e-6))
+    made = as_fitted(problem, "compliance_with_backlash", stiffness=0.3, half_gap=float(reach[-runs] - 1e-6))
     assert rejection in (found := _size_rejection("compliance_with_backlash", made, problem)) and bool(
         rejection
     ) == bool(found)
