@@ -35,7 +35,7 @@ NOT_RUN = {
     ".venv-new/bin/python": "runs these very tests",
     "torchrun": "tests/rl/test_ranks.py",
     "python -m benchmarks": "minutes to days; tests/benchmarks runs each for a moment",
-    "mrwarp diagnose runs/hidden": "reads what the command before it hides",
+    "mrwarp diagnose joint runs/hidden": "reads what the command before it hides",
     "mrwarp diagnose robot runs/go2": "reads what the command before it made; tests/robot_logs",
     "mrwarp log import": "reads a bag of others; tests/robot_logs",
     "mrwarp diagnose robot my_dataset": "reads a data set of others; tests/robot_logs",
