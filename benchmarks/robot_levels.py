@@ -18,7 +18,6 @@ import numpy as np
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.likelihood import Likelihood, fit, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
-from mrwarp.robot_logs.robot_diagnosis import FIT_SECONDS
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.selection import bounds_of, healthy
 from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, Hidden
@@ -105,7 +104,7 @@ def healthy_log(cfg: LogCfg, device: str = "cpu") -> HealthyLog:
         shutil.rmtree(folder, ignore_errors=True)
     model = replay_model(Path(cfg.robot), log, device)
     parameters = parameters_of(model, log)
-    windows = cut_windows(model, log, budget=FIT_SECONDS)
+    windows = cut_windows(model, log, budget=model.settings.robot_fit.fit_seconds)
     low, high = bounds_of(parameters)
     theta, likelihood, _ = fit(
         model, windows, parameters, np.zeros(len(parameters)), None, healthy(parameters), low, high, lambda _: None

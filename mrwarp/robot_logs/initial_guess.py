@@ -14,7 +14,6 @@ from mrwarp.robot_logs.likelihood import Likelihood, gather, left_by_each, repla
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_fit import FirstLook, nuisances_of, searched
 from mrwarp.robot_logs.selection import (
-    NAMED_ODDS,
     Hypothesis,
     bounds_of,
     healthy,
@@ -25,10 +24,6 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.single_changes import screened, sizes_of_their_own
 from mrwarp.robot_logs.windows import Windows
-
-GUESSES, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
-"""Hypotheses that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
-one after the other."""
 
 
 def first_look(
@@ -57,21 +52,22 @@ def initial_guess(
     trials = _Trials.of(model, groups, parameters, described)
     payload = payload_of(parameters)
     (here,) = trials.left(theta)
-    for pick in range(PICKS):
+    odds = described.settings.robot.odds
+    for pick in range(described.settings.robot_fit.picks):
         pull = trials.pull(theta)
         gain, taken = trials.best(theta, here, pull)
         # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
-        margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and CATALOGUE[taken[1].cause].or_payload else 1.0)
+        margin = 2.0 * odds * (-1.0 if taken is not None and CATALOGUE[taken[1].cause].or_payload else 1.0)
         if not pick and payload and (weight := trials.heavier(theta, here, pull, payload, gain + margin)) is not None:
             return weight, payload
-        if taken is None or gain < 2.0 * NAMED_ODDS:
+        if taken is None or gain < 2.0 * odds:
             return theta, []
         new, d = taken
         # of its best size: what a pick leaves by its size, others would be blamed for
         new = trials.searched(new, list(d.members), prior_of(parameters, [d]))
         alone = np.where(trials.follows(d), 0.0, new - theta)
         theta, (here,) = new, trials.left(new)
-        if d.cause not in ORDINARY and alone @ trials.usual @ alone > 2.0 * NAMED_ODDS:
+        if d.cause not in ORDINARY and alone @ trials.usual @ alone > 2.0 * odds:
             return theta, [d]
     return theta, []
 
@@ -149,11 +145,12 @@ class _Trials:
         """Gain of the best single change of a robot that leaves ``here``, that robot and what changed; or None."""
         (low, high), score = bounds_of(self.parameters), self.changes @ pull
         tried: list[tuple[np.ndarray, Hypothesis, float]] = []
-        loud = np.argsort(-(score**2) / self.information)[:GUESSES].tolist()
+        settings = self.described.settings.robot_fit
+        loud = np.argsort(-(score**2) / self.information)[: settings.guesses].tolist()
         for k in dict.fromkeys([*loud, *self.own]):
             d, prior = self.hypotheses[k], prior_of(self.parameters, [self.hypotheses[k]])
             along = self.plain[k] if k in self.own else self.changes[k]
-            for size in self.own.get(k, [times * score[k] / self.information[k] for times in MULTIPLES]):
+            for size in self.own.get(k, [times * score[k] / self.information[k] for times in settings.multiples]):
                 new = np.clip(theta + size * along, low, high)
                 tried.append((new, d, float(new @ prior @ new)))
         tried = screened(tried, self.described, self.model, self.groups, self.parameters)
@@ -178,6 +175,7 @@ class _Trials:
             own, left = float(theta @ self.usual @ theta), self.left(*robots)
             return [here - rest - float(x @ prior @ x) + own for x, rest in zip(robots, left, strict=True)]
 
-        tried = [np.clip(theta + times * change, low, high) for times in MULTIPLES]
+        multiples = self.described.settings.robot_fit.multiples
+        tried = [np.clip(theta + times * change, low, high) for times in multiples]
         best = self.searched(tried[int(np.argmax(gains(*tried)))], members, prior)
         return best if gains(best)[0] > least else None

@@ -8,7 +8,7 @@ evidence is counted, because samples of a window are not independent.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,26 +19,7 @@ from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nu
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.sysid.least_squares import Rules, minimise
 from mrwarp.sysid.pieces import Pieces, Quadratic, about_origin
-
-ROUNDS = 4
-"""Times that channels are weighed again by their rest."""
-
-TRUSTED = 0.5
-"""A step that gains less than this share of what the derivatives promise calls for new ones."""
-
-RENEWED = 1
-"""Times that a fit takes new derivatives on its way: they cost as much as a hundred steps."""
-
-TRIALS = 5
-"""Points that are looked at for each better one."""
-
-CONVERGED = 2.0
-"""Gain of a step, in units of twice the logarithm of a likelihood, below which a fit ends."""
-
-WORST = 4.0
-"""A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot. Others
-count less, the more is left in them than in the median one: small errors of some grow to large ones."""
-
+from mrwarp.sysid.settings import Settings
 
 CURRENT = "current"
 """Channel of the coils' currents."""
@@ -70,6 +51,8 @@ class Likelihood(Pieces):
     """Mismatch of each group's windows where derivatives were taken, by the windows' own steps, (W, N)."""
     keep: np.ndarray
     """Whether each window of the groups counts."""
+    settings: Settings = field(default_factory=Settings)
+    """Numbers by which it is judged."""
 
     def at(self, theta: np.ndarray) -> float:
         """Weighted squared mismatch at parameters, as the derivatives have it [1]."""
@@ -136,13 +119,14 @@ def gather(
     prior = np.diag([1.0 / (p.spread**2 + p.fault**2) for p in parameters])
     distinct = np.concatenate([w.distinct for w in groups])
     pieces, weight, keep = Pieces.of_grams(np.zeros((0, 1, 1))), np.zeros(0), np.ones(0, dtype=bool)
-    for round_ in range(ROUNDS):
+    rounds = model.settings.robot_fit.rounds
+    for round_ in range(rounds):
         forms = [x.reduced(r, sigma) for x, r in zip(slopes, rows, strict=True)]
         a, b, c = (np.concatenate([form[i] for form in forms]) for i in range(3))
         c[broke] = np.inf
         pieces = about_origin(Pieces(information=a, score=b, square=c), theta)
-        best, weight, keep = _weighed(pieces, prior, distinct)
-        if round_ == ROUNDS - 1:
+        best, weight, keep = _weighed(pieces, prior, distinct, model.settings)
+        if round_ == rounds - 1:
             break
         counts = np.split(keep, np.cumsum([w.count for w in groups])[:-1])
         sigma = left([_left(*x, sigma, best - theta) for x in zip(slopes, rows, counts, strict=True)])
@@ -161,6 +145,7 @@ def gather(
         slopes=tuple(slopes),
         rows=tuple(rows),
         keep=keep,
+        settings=model.settings,
     )
 
 
@@ -312,13 +297,13 @@ def fit(
     log: Callable[[str], None],
     *,
     steps: int = 8,
-    renew: int = RENEWED,
+    renew: int | None = None,
 ) -> tuple[np.ndarray, Likelihood, bool]:
     """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
 
     Derivatives and weights stay those of ``likelihood``, about ``theta`` where it is given, while steps gain what they
-    promise; ``renew`` times they are taken again. Returned are parameters, shape (P,), the likelihood about them, and
-    whether its derivatives are of there.
+    promise; ``renew`` times they are taken again, None takes the settings'. Returned are parameters, shape (P,), the
+    likelihood about them, and whether its derivatives are of there.
     """
 
     def quadratic(theta: np.ndarray, seen: Likelihood, loss: float) -> Quadratic:
@@ -334,17 +319,18 @@ def fit(
         loss, moved = replayed(here.content, model, groups, parameters, theta)
         return quadratic(theta, moved, loss)
 
+    settings = model.settings.robot_fit
     rules = Rules(
-        iterations=TRIALS * steps,
+        iterations=settings.trials * steps,
         steps=steps,
         damping=1e-3,
         increase=10.0,
         most=30.0,
         least=1e-6,
         predicted=lambda promised, loss: False,
-        gained=lambda gain, loss: gain < CONVERGED,
-        stale=lambda gain, promised: CONVERGED <= gain < TRUSTED * promised,
-        renewals=renew,
+        gained=lambda gain, loss: gain < settings.converged,
+        stale=lambda gain, promised: settings.converged <= gain < settings.trusted * promised,
+        renewals=settings.renewals if renew is None else renew,
         lets_go=True,
     )
     start = None if likelihood is None else quadratic(theta, likelihood, likelihood.at(theta))
@@ -432,20 +418,22 @@ def _best_start(z: np.ndarray, r: np.ndarray) -> np.ndarray:
     return np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)
 
 
-def _weighed(pieces: Pieces, prior: np.ndarray, distinct: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _weighed(
+    pieces: Pieces, prior: np.ndarray, distinct: np.ndarray, settings: Settings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Best parameters, (P,); weights of windows, (W,); and whether the mismatch of each there is of the usual size.
 
     ``distinct`` is each window's share of those that repeat each other; weights are without it.
     """
     keep, weight = np.isfinite(pieces.square), np.ones(len(pieces.square))
     best = np.zeros(len(prior))
-    for _ in range(ROUNDS):
+    for _ in range(settings.robot_fit.rounds):
         own = weight * keep * distinct
         information = np.einsum("w,wpq->pq", own, pieces.information)
         best = np.linalg.solve(information + prior, own @ pieces.score)
         left = pieces.left(best)
         usual = float(np.median(left))
-        keep = np.isfinite(left) & (left < WORST**2 * usual)
+        keep = np.isfinite(left) & (left < settings.robot.worst**2 * usual)
         weight = np.minimum(usual / np.maximum(left, 1e-12), 1.0)
     return best, weight, keep
 

@@ -18,6 +18,7 @@ from mrwarp.params import MrParams
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
+from mrwarp.sysid.settings import Settings
 from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
 
 NO_LIMIT = 1e6
@@ -102,6 +103,8 @@ class ReplayModel:
     """Warp device on which it is replayed."""
     sink: np.ndarray
     """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
+    settings: Settings = field(default_factory=Settings)
+    """Numbers by which its log is judged."""
     engines: dict = field(default_factory=dict)
     """Engines in use, see :class:`mrwarp.robot_logs.window_replay.Replay`."""
     compiled: dict[float, mujoco.MjModel] = field(default_factory=dict)

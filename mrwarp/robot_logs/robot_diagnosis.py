@@ -26,7 +26,6 @@ from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_validated, held_out
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, sentence_of
 from mrwarp.robot_logs.selection import (
-    WALKING,
     Found,
     Hypothesis,
     Posterior,
@@ -39,14 +38,9 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
-from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows, cut_windows
+from mrwarp.robot_logs.windows import Windows, cut_windows
+from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import VERDICTS
-
-FIT_SECONDS, SECONDS = 10.0, 60.0
-"""Parts of a log by which the robot is fitted step by step, and from which causes are reported [s]; logs of up to
-:data:`WHOLE` s are fitted as a whole."""
-
-WHOLE = 15.0
 
 NOT_PREDICTED = "pieces of the log that took no part are not clearly predicted better with it"
 NOT_CLEAR = "its interval includes sizes that healthy robots have"
@@ -78,16 +72,18 @@ def diagnose_log(
     device: str = "cpu",
     progress: Callable[[str], None] = lambda _: None,
     answered: Callable[[RobotDiagnosis], bool] = lambda _: True,
+    settings: Settings | None = None,
 ) -> RobotDiagnosis:
     """Diagnose a log against a robot's description, with replays on a Warp ``device``.
 
     ``answered`` takes the first answer, which is not final; the diagnosis ends with it where that returns False.
+    ``settings`` are the numbers by which is decided, None takes those of the documentation.
 
     Raises:
         LogError: robot and log do not fit.
     """
     begun = time.perf_counter()
-    case = _read(robot, log, device, progress)
+    case = _read(robot, log, device, settings or Settings(), progress)
     look = first_look(case.model, case.part, case.parameters, progress)
     answer = _first_answer(look, case.model, log, case.groups, case.parameters, begun)
     progress(being_checked(answer.sentence))
@@ -166,22 +162,23 @@ class _Judged:
     """About the robot with the sizes of the causes."""
 
 
-def _read(robot: Path, log: RobotLog, device: str, progress: Callable[[str], None]) -> _Case:
+def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress: Callable[[str], None]) -> _Case:
     """The robot, and its log in windows.
 
     Raises:
         LogError: robot and log do not fit.
     """
     progress(f"reading {robot}")
-    model = replay_model(robot, log, device)
-    groups = cut_windows(model, log, budget=SECONDS)
-    if (count := sum(group.count for group in groups)) < LEAST_WINDOWS:
+    model = replace(replay_model(robot, log, device), settings=settings)
+    least, effort = settings.robot.windows, settings.robot_fit
+    groups = cut_windows(model, log, budget=effort.seconds)
+    if (count := sum(group.count for group in groups)) < least:
         raise LogError(
             f"{log.path}: too short: {count} pieces of {groups[0].t[0, -1] if groups else 0.5:.1f} s, "
-            f"{LEAST_WINDOWS} are needed; record longer"
+            f"{least} are needed; record longer"
         )
-    part = groups if log.seconds <= WHOLE else cut_windows(model, log, budget=FIT_SECONDS)
-    if sum(group.count for group in part) < LEAST_WINDOWS:
+    part = groups if log.seconds <= effort.whole else cut_windows(model, log, budget=effort.fit_seconds)
+    if sum(group.count for group in part) < least:
         part = groups
     return _Case(model=model, log=log, groups=groups, part=part, parameters=parameters_of(model, log))
 
@@ -237,7 +234,7 @@ def _alone(
             lone = near.sized(lone, at, low[indices], high[indices])
     each = size.copy()
     each[indices] = lone
-    sizes_ = Sizes(size=size, lone=each, wider=WALKING if model.free else 1.0)
+    sizes_ = Sizes(size=size, lone=each, wider=model.settings.robot.walking if model.free else 1.0)
     return sizes_, _on_windows_of(judged.likelihood, near, indices)
 
 
@@ -246,7 +243,7 @@ def _sized(case: _Case, judged: _Judged) -> _Judged:
     found, unclear, size, near = clear_ones(
         judged.found, judged.likelihood, case.parameters, lambda found: _alone(case, judged, found)
     )
-    likely, other = likelier(found, size.size, case.parameters)
+    likely, other = likelier(found, size.size, case.parameters, case.model.settings.robot.rival_odds)
     if [f.hypothesis for f in likely] != [f.hypothesis for f in found]:
         size, near = _alone(case, judged, likely, other)
     rejected = judged.rejected + unclear
@@ -295,7 +292,7 @@ def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
 def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplained | None:
     """Effects outside the catalogue: those that act always, among the causes, and pushes at times."""
     pushed = pushes(judged.likelihood, case.model, case.groups, case.parameters, judged.theta)
-    acting = outside(pushed, case.groups, case.log)
+    acting = outside(pushed, case.groups, case.log, case.model.settings.robot)
     always = [
         steady(f.hypothesis, next(iter(c.parameters.values())).value, c.gain, case.log, case.parameters)
         for f, c in zip(judged.found, named, strict=True)

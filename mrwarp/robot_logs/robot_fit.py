@@ -14,8 +14,6 @@ from mrwarp.robot_logs.likelihood import Likelihood, fit, gather, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import cross_validated
 from mrwarp.robot_logs.selection import (
-    NAMED_ODDS,
-    RIVAL_ODDS,
     Found,
     Hypothesis,
     bounds_of,
@@ -24,12 +22,6 @@ from mrwarp.robot_logs.selection import (
     select,
 )
 from mrwarp.robot_logs.windows import Windows
-
-ROUNDS = 4
-"""Times that outstanding numbers are freed and the robot fitted again."""
-
-SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
-"""Factor between sizes of a cause that are tried by the replay, how often the range is widened, and then narrowed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +60,7 @@ def fitted(
         seen, _ = replayed(likelihood, model, groups, parameters, theta)
         return float(seen / likelihood.scale + theta @ prior_of(parameters, hypotheses) @ theta)
 
-    for round_ in range(ROUNDS):
+    for round_ in range(described.settings.robot_fit.rounds):
         found = guessed
         if round_ or not guessed:
             # what does not predict what it did not see is no cause, and would only lead the fit astray
@@ -112,7 +104,8 @@ def fitted(
         if not fresh:
             likelihood = gather(model, groups, parameters, theta, progress)
     if len(others := {id(x): (x, own) for x, own in fits.values()}) > 1:  # the likeliest one stands
-        worth = {key: left(*fit_, likelihood) + NAMED_ODDS * len(fit_[1]) for key, fit_ in others.items()}
+        odds = described.settings.robot.odds
+        worth = {key: left(*fit_, likelihood) + odds * len(fit_[1]) for key, fit_ in others.items()}
         if (best := min(worth, key=lambda key: worth[key])) != id(theta):
             theta, free = others[best]
             likelihood = gather(model, groups, parameters, theta, progress)
@@ -218,16 +211,17 @@ def searched(
             new @ prior @ new
         ), new
 
-    sizes, seen = [1.0 / SEARCHED, 1.0, SEARCHED], {}
-    for _ in range(SEARCHES):
+    settings = likelihood.settings.robot_fit
+    sizes, seen = [1.0 / settings.factor, 1.0, settings.factor], {}
+    for _ in range(settings.widened):
         seen |= {s: at(s) for s in sizes if s not in seen}
         best = min(seen, key=lambda size: seen[size][0])
         if min(seen) < best < max(seen):
             break
-        sizes = [best / SEARCHED, best * SEARCHED]
+        sizes = [best / settings.factor, best * settings.factor]
     if not min(seen) < best < max(seen):
         return seen[best][1]
-    for _ in range(NARROWED):
+    for _ in range(settings.narrowed):
         near = np.array([max(s for s in seen if s < best), best, min(s for s in seen if s > best)])
         bend, slope, _ = np.polyfit(near, [seen[s][0] for s in near], 2)
         between = at(float(np.clip(-slope / (2.0 * bend), near[0], near[2]))) if bend > 0.0 else seen[best]
@@ -277,10 +271,13 @@ def _twin(own: Hypothesis, other: Hypothesis, theta: np.ndarray, parameters: lis
     return found
 
 
-def likelier(found: list[Found], theta: np.ndarray, parameters: list[Parameter]) -> tuple[list[Found], np.ndarray]:
+def likelier(
+    found: list[Found], theta: np.ndarray, parameters: list[Parameter], rival_odds: float
+) -> tuple[list[Found], np.ndarray]:
     """Causes and sizes, (P,), with that of Kp and Kd of all joints whose torque scale and size are the likelier.
 
-    They are one robot: which of them a fit came nearer to decides nothing. The other is its alternative.
+    They are one robot: which of them a fit came nearer to decides nothing. The other is its alternative, within
+    ``rival_odds``.
     """
     found = list(found)
     for k, f in enumerate(found):
@@ -289,7 +286,7 @@ def likelier(found: list[Found], theta: np.ndarray, parameters: list[Parameter])
             if twin is None:
                 continue
             less = _unlikely(f.hypothesis, theta, parameters) - _unlikely(other, twin, parameters)
-            if less > -2.0 * RIVAL_ODDS:
+            if less > -2.0 * rival_odds:
                 likely, rival = (other, f.hypothesis) if less > 0.0 else (f.hypothesis, other)
                 alternatives = dict.fromkeys([rival, *(d for d in f.alternatives if d != likely)])
                 found[k] = replace(f, hypothesis=likely, alternatives=tuple(alternatives))
@@ -324,11 +321,12 @@ def _one_drive(
 
     Those with which it is nearly as good are added to ``rivals``.
     """
+    settings = likelihood.settings.robot
     for place in dict.fromkeys(d.where for d in free if d.cause in DRIVE):
         own = [d for d in free if d.cause in DRIVE and d.where == place]
         rest = [d for d in free if d not in own]
         both = left(theta, free)
-        best, least = (theta, free, likelihood, fresh), both - 2.0 * NAMED_ODDS * (len(own) > 1)
+        best, least = (theta, free, likelihood, fresh), both - 2.0 * settings.odds * (len(own) > 1)
         alone = {own[0]: both} if len(own) == 1 else {}
         for other in hypotheses_of(parameters):
             if other.cause not in DRIVE or other.where != place or len(other.members) != len(own[0].members):
@@ -352,5 +350,5 @@ def _one_drive(
                     best, least = (new, [*rest, d], seen, near), now
         theta, free, likelihood, fresh = best
         for d in (d for d in free if d in alone):
-            rivals[d] = [x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * RIVAL_ODDS]
+            rivals[d] = [x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * settings.rival_odds]
     return theta, free, likelihood, fresh

@@ -14,8 +14,6 @@ from mrwarp.robot_logs.causes.robot_causes import ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood, fit, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.selection import (
-    LEAST_SHARE,
-    PARTS,
     Found,
     Hypothesis,
     Posterior,
@@ -29,19 +27,12 @@ from mrwarp.robot_logs.selection import (
     vector,
     wider_than,
 )
-from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows
+from mrwarp.robot_logs.windows import Windows
 from mrwarp.sysid.certainty import agreement, clearness
 from mrwarp.sysid.elimination import eliminated
 from mrwarp.sysid.jackknife import student, sum_and_error
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, predicted
-
-ACTS = 0.05
-"""A window has a say on a cause where it holds this share of the mean window's information on it: a coil that was not
-asked for current says nothing of it, but for what the other numbers do without it."""
-
-PROOF_STEPS = 2
-"""Steps of the fits by which a cause is proven: from where derivatives say."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +83,7 @@ def by_replay(
 
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
         about, base, least, left = likelihood, fitted, -np.inf, []
+        steps = likelihood.settings.robot_fit.proof_steps
         for one in (None, *tried):
             q, low, high = _without(parameters, found, one)
             a, b = about.normal_equations()
@@ -103,7 +95,7 @@ def by_replay(
             theta, here = starts[begin], seen[begin][1]
             if not worth[begin] <= least:  # else it is as good without the cause, and a fit would make it better
                 theta, here, _ = fit(
-                    model, groups, parameters, theta, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
+                    model, groups, parameters, theta, here, q, low, high, lambda _: None, steps=steps, renew=0
                 )
             # the windows' own steps judge: of long ones a window's error is as large as what a small cause changes
             each = np.tile(theta, (len(likelihood.square), 1))
@@ -157,23 +149,24 @@ def _certain(
     each one goes at a time.
     """
     sure: list[Found] = []
+    least = likelihood.settings.robot.share
 
     def certainty(found: list[Found]) -> list[float]:
         tried = [f for f in found if f not in sure]
         certain = dict.fromkeys(map(id, sure), np.inf)
         for f, gain in zip(tried, without(found, tried) if tried else (), strict=True):
             share = float(gain.sum()) / (likelihood.samples * len(f.hypothesis.members))
-            certain[id(f)] = min(agreement(gain[_acting(f.hypothesis, likelihood, parameters)]), share / LEAST_SHARE)
+            certain[id(f)] = min(agreement(gain[_acting(f.hypothesis, likelihood, parameters)]), share / least)
             if certain[id(f)] >= 1.0:
                 sure.append(f)
         return [certain[id(f)] for f in found]
 
     def of_each_limb(weakest: list[Found]) -> list[Found]:
-        least: dict[str, Found] = {}
+        first_of: dict[str, Found] = {}
         for f in weakest:
-            least.setdefault(limbs.get(f.hypothesis.where, ""), f)
-        first, *others = least
-        return [least[first], *(least[limb] for limb in others if first and limb)]
+            first_of.setdefault(limbs.get(f.hypothesis.where, ""), f)
+        first, *others = first_of
+        return [first_of[first], *(first_of[limb] for limb in others if first and limb)]
 
     return eliminated(found, certainty, together=of_each_limb)
 
@@ -183,8 +176,9 @@ def _acting(d: Hypothesis, likelihood: Likelihood, parameters: list[Parameter]) 
     change = vector(d, parameters)[list(d.members)]
     own = likelihood.information[:, list(d.members)][:, :, list(d.members)]
     information = np.einsum("wij,i,j->w", own, change, change)
-    enough = np.sort(information)[-min(LEAST_WINDOWS, len(information))]
-    return np.flatnonzero(information >= min(ACTS * information.mean(), enough))
+    settings = likelihood.settings.robot
+    enough = np.sort(information)[-min(settings.windows, len(information))]
+    return np.flatnonzero(information >= min(settings.acts * information.mean(), enough))
 
 
 def _predicted(
@@ -201,7 +195,7 @@ def _predicted(
         both = zip(information / likelihood.scale, score / likelihood.scale, strict=True)
         return np.stack([minimum_within(a + q, b, low, high)[0] for a, b in both])
 
-    theta, loss = predicted(likelihood, in_a_row(len(likelihood.square), PARTS), solve)
+    theta, loss = predicted(likelihood, in_a_row(len(likelihood.square), likelihood.settings.robot.parts), solve)
     return loss + likelihood.scale * np.einsum("wp,pq,wq->w", theta, q, theta) / len(loss)
 
 
@@ -240,7 +234,8 @@ def held_out(
         Reduction of the weighted error from each window's best start, with its interval over parts; and errors before
         and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
     """
-    parts, both = in_a_row(len(likelihood.square), PARTS), []
+    count = likelihood.settings.robot.parts
+    parts, both = in_a_row(len(likelihood.square), count), []
     for free, near, bounds in fits:
 
         def solve(a: np.ndarray, b: np.ndarray, free=free, near=near, bounds=bounds) -> np.ndarray:  # noqa: ANN001
@@ -263,4 +258,4 @@ def held_out(
         errors[name] = (float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean())))
         if name == "q":
             errors |= {f"q.{j}": (float(before[k]), float(after[k])) for k, j in enumerate(model.joints)}
-    return {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(PARTS))}, errors
+    return {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(count))}, errors

@@ -21,33 +21,6 @@ from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, one_step
 
-NAMED_ODDS = 12.0
-"""Least logarithm of the odds of a cause: some 200 are looked at, and one log of a hundred may speak of one wrongly."""
-
-ORDINARY_Z = 4.5
-"""Least standard score of a number that the description has wrong."""
-
-RECURRENCE = 4.0
-"""Least size of a cause in standard deviations over windows: one chance in a hundred over 200 causes and places."""
-
-RIVAL_ODDS = 4.5
-"""Causes whose odds are nearer than this to the best one's, and vanish with it, are alternatives."""
-
-LEAST_SHARE = 0.03
-"""Least squared mismatch that a cause explains, in units of what every reading of its joints is left with."""
-
-
-PARTS = 8
-"""Parts of a log, one after the other: each counts as one reading in an interval, as neighbouring windows have similar
-errors, and is predicted from the others."""
-
-WALKING = 2.0
-"""Factor on intervals of a robot on its feet: on a healthy walk of the virtual robot numbers lie this many of their
-standard deviations from what is true in root mean square, for the replay repeats its error in every step."""
-
-MOST = 8
-"""Most causes in addition to :data:`mrwarp.robot_logs.causes.ORDINARY` that one log distinguishes."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
@@ -84,7 +57,9 @@ class Posterior:
     robust: np.ndarray
     """Variance by the spread of the scores over windows, shape (P,)."""
     by_part: np.ndarray
-    """Standard deviation over :data:`PARTS`, shape (P,)."""
+    """Standard deviation over parts of the log, shape (P,)."""
+    parts: int
+    """How many these are."""
 
 
 def hypotheses_of(parameters: Sequence[Parameter]) -> list[Hypothesis]:
@@ -173,7 +148,8 @@ def posterior(likelihood: Likelihood, parameters: Sequence[Parameter], free: Seq
     mean, _ = minimum_within(a + q, b, *bounds_of(parameters))
     each = spread @ ((likelihood.score - likelihood.information @ mean) / likelihood.scale).T
     own = np.einsum("pq,qr,rp->p", spread, q, spread)
-    folds = in_a_row(len(likelihood.square), PARTS)
+    count = likelihood.settings.robot.parts
+    folds = in_a_row(len(likelihood.square), count)
     parts = one_step(likelihood, folds, mean, spread / likelihood.scale)
     return Posterior(
         mean=mean,
@@ -182,6 +158,7 @@ def posterior(likelihood: Likelihood, parameters: Sequence[Parameter], free: Seq
         unbounded=spread @ b,
         robust=(each**2).sum(axis=1) + own,
         by_part=np.diag(jackknife(parts)) + own,
+        parts=count,
     )
 
 
@@ -225,10 +202,12 @@ def select(
     """
     found = _simplest_drive(_forward(likelihood, parameters), likelihood, parameters, confirmed)
 
+    least = likelihood.settings.robot.recurrence
+
     def certainty(found: list[Found]) -> list[float]:
         free = [f.hypothesis for f in found]
         now = posterior(likelihood, parameters, free)
-        return [_recurrence(d, now, parameters, free) / RECURRENCE for d in free]
+        return [_recurrence(d, now, parameters, free) / least for d in free]
 
     return eliminated(found, certainty)[0]
 
@@ -257,7 +236,7 @@ def _simplest_drive(
             both = _log_marginal([*others, *(f.hypothesis for f in pair)], likelihood, parameters)
             each = [_log_marginal([*others, d], likelihood, parameters) for d in alone]
             best = alone[int(np.argmax(each))]
-            if max(each) <= both - NAMED_ODDS:  # the second one earns what a cause has to
+            if max(each) <= both - likelihood.settings.robot.odds:  # the second one earns what a cause has to
                 continue
         now = scores(posterior(likelihood, parameters, others), [best], parameters)
         found = [*rest, Found(hypothesis=best, z=float(now.z[0]), alternatives=())]
@@ -315,14 +294,14 @@ def half_width(
 
     It is the widest of five: by the model, over windows and over parts, each ``wider`` times as wide; and what the
     number moves by when all others may be off as on healthy robots, or when nothing else is off, ``lone``. Over parts
-    it is the cluster-robust one with Student's t of ``PARTS - 1`` (Cameron and Miller, J. Human Resources 50, 2015,
+    it is the cluster-robust one with Student's t of parts minus one (Cameron and Miller, J. Human Resources 50, 2015,
     sections II and VI).
     """
     k = members[0]
     mean, sd = float(now.mean[list(members)].mean()), float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
     if len(members) == 1:
         mean, sd = estimate(k, now, parameters)
-    over_parts = student(0.95, PARTS - 1) * np.sqrt(now.by_part[k])
+    over_parts = student(0.95, now.parts - 1) * np.sqrt(now.by_part[k])
     return float(max(wider * stats.norm.ppf(0.975) * sd, wider * over_parts, abs(mean - size), abs(lone - size)))
 
 
@@ -343,26 +322,27 @@ def _forward(likelihood: Likelihood, parameters: Sequence[Parameter]) -> list[Fo
     hypotheses, found = [d for d in hypotheses_of(parameters) if d.cause not in (*ORDINARY, NUISANCE)], []
     least = np.array([min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in hypotheses])
     joints = np.array([len(d.members) for d in hypotheses])
-    while len(found) < MOST:
+    settings = likelihood.settings.robot
+    while len(found) < settings.most:
         free = [f.hypothesis for f in found]
         now = scores(posterior(likelihood, parameters, free), hypotheses, parameters)
         share = now.z**2 * likelihood.scale / (likelihood.samples * joints)
         allowed = np.array([d not in free and not _spanned(d, free) for d in hypotheses])
         allowed &= _possible(now.size, hypotheses, parameters)
-        odds = np.where(allowed & (np.abs(now.size) >= least) & (share >= LEAST_SHARE), now.odds, -np.inf)
+        odds = np.where(allowed & (np.abs(now.size) >= least) & (share >= settings.share), now.odds, -np.inf)
         best = int(np.argmax(odds))
-        if not odds[best] > NAMED_ODDS:
+        if not odds[best] > settings.odds:
             break
         rest = scores(posterior(likelihood, parameters, [*free, hypotheses[best]]), hypotheses, parameters)
         near = [
             k
             for k in range(len(hypotheses))
-            if odds[k] > odds[best] - RIVAL_ODDS
-            and rest.odds[k] < NAMED_ODDS
+            if odds[k] > odds[best] - settings.rival_odds
+            and rest.odds[k] < settings.odds
             and hypotheses[k].cause != hypotheses[best].cause
         ]
         near.sort(key=lambda k: -odds[k])
-        alternatives = tuple(hypotheses[k] for k in near[:4])
+        alternatives = tuple(hypotheses[k] for k in near[: settings.rivals])
         if payload := _payload(hypotheses[best], free, likelihood, parameters):
             found += payload
             continue
@@ -383,7 +363,7 @@ def _payload(
     for d in parts:
         others = [*free, *(x for x in parts if x != d)]
         now = scores(posterior(likelihood, parameters, others), [d], parameters)
-        if now.odds[0] > NAMED_ODDS:
+        if now.odds[0] > likelihood.settings.robot.odds:
             found.append(Found(hypothesis=d, z=float(now.z[0]), alternatives=()))
     return found
 
@@ -410,7 +390,7 @@ def _described_wrong(
     likelihood: Likelihood, parameters: Sequence[Parameter], free: Sequence[Hypothesis]
 ) -> list[Found]:
     """Numbers of ordinary causes that the log excludes, without their priors."""
-    now, found = posterior(likelihood, parameters, free), []
+    now, found, settings = posterior(likelihood, parameters, free), [], likelihood.settings.robot
     for k, p in enumerate(parameters):
         if p.cause not in ORDINARY:
             continue
@@ -422,9 +402,9 @@ def _described_wrong(
         beyond = size - float(np.clip(size, *p.usual))
         z = beyond * np.sqrt(known)
         if (
-            abs(z) > ORDINARY_Z
+            abs(z) > settings.ordinary_z
             and abs(beyond) >= p.least
-            and z**2 * likelihood.scale >= LEAST_SHARE * likelihood.samples
+            and z**2 * likelihood.scale >= settings.share * likelihood.samples
         ):
             own = Hypothesis(cause=p.cause, where=p.where, members=(k,))
             same = [d for d in hypotheses_of(parameters) if d.cause == p.declared.looks_like and d.where == p.where]

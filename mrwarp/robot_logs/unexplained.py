@@ -21,21 +21,13 @@ from mrwarp.robot_logs.selection import Hypothesis
 from mrwarp.robot_logs.slopes import DERIVATIVE_STEP, START_SPREAD
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows
+from mrwarp.sysid.settings import Robot
 
 STEP = 0.02
 """Forces by which derivatives are taken, as a share of the robot's weight and of the most a joint was asked for."""
 
-USUAL = 0.1
-"""Standard deviation of forces, as shares of the same: joints that stick hardly show one, however large."""
-
-LEAST_SHARE = 0.3
-"""Least part of a window's mismatch that a force explains where it is reported."""
-
 MOST_TIMES = 6
 """Most times of pieces that a sentence lists."""
-
-IN_A_ROW = 3
-"""Fewest windows one after the other that ask for a force."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +69,7 @@ def pushes(
         first, push = int(mj.jnt_dofadr[mj.body_jntadr[model.trunk]]), STEP * 9.81 * float(mj.body_mass.sum())
         places.insert(0, (model.body_name(model.trunk), [(first + k, push) for k in range(3)]))
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in places]
-    rare = [likelihood.scale * (STEP / USUAL / members[0][1]) ** 2 for _, members in places]
+    rare = [likelihood.scale * (STEP / likelihood.settings.robot.push / members[0][1]) ** 2 for _, members in places]
     for windows, slopes in zip(groups, likelihood.slopes, strict=True):
         left = mismatch(windows.measured, _replayed(Replay(model, windows), parameters, theta, 0, 0.0))
         coarse = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
@@ -104,14 +96,14 @@ def pushes(
     return Pushes(where=tuple(name for name, _ in places), size=tuple(sizes), share=np.stack(shares))
 
 
-def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside | None:
+def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog, settings: Robot) -> Outside | None:
     """Where and when windows one after the other ask for a force: the place that explains most, or None."""
     run, start = (np.concatenate([getattr(w, name) for w in groups]) for name in ("run", "start"))
     length = np.concatenate([w.t[:, -1] for w in groups])
     order = np.lexsort((start, run))
     best, most = None, 0.0
     for k, place in enumerate(found.where):
-        rows = _in_a_row(found.share[k][order] >= LEAST_SHARE, run[order])
+        rows = _in_a_row(found.share[k][order] >= settings.push_share, run[order], settings.push_windows)
         windows = [order[list(part)] for part in rows]
         if (share := sum(float(found.share[k][part].sum()) for part in windows)) > most:
             best, most = (k, place, windows), share
@@ -176,10 +168,10 @@ def listed(places: Sequence[str]) -> str:
     return ", ".join(places[:MOST_TIMES]) + (f" and {more} more" if more > 0 else "")
 
 
-def _in_a_row(clear: np.ndarray, run: np.ndarray) -> list[list[int]]:
-    """Windows that are clear one after the other in one run; both shape (W,)."""
+def _in_a_row(clear: np.ndarray, run: np.ndarray, least: int) -> list[list[int]]:
+    """At least so many windows that are clear one after the other in one run; both shape (W,)."""
     pieces = [list(own) for _, own in groupby(range(len(clear)), key=lambda i: (run[i], clear[i]))]
-    return [own for own in pieces if clear[own[0]] and len(own) >= IN_A_ROW]
+    return [own for own in pieces if clear[own[0]] and len(own) >= least]
 
 
 def _replayed(

@@ -15,7 +15,7 @@ from mrwarp.robot_logs.likelihood import Likelihood, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause
-from mrwarp.robot_logs.selection import NAMED_ODDS, Hypothesis, Posterior, bounds_of
+from mrwarp.robot_logs.selection import Hypothesis, Posterior, bounds_of
 from mrwarp.robot_logs.windows import Windows, foot_slipped
 
 GROUND = tuple(
@@ -79,7 +79,7 @@ def friction_that_holds(
         return replayed(likelihood, model, groups, parameters, new)[0] / likelihood.scale
 
     low, high = float(bounds_of(parameters)[0][k]), min(float(theta[k]), 0.0)
-    shows = left(high) + 2.0 * NAMED_ODDS
+    shows = left(high) + 2.0 * likelihood.settings.robot.odds
     for _ in range(HALVED):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if left(middle) > shows else (low, middle)

@@ -39,9 +39,6 @@ REPEATED = 0.02
 """Windows whose joints nowhere differ by more than this repeat each other [rad]: what the simulation of a robot at rest
 gets wrong, it gets wrong in every window, and they say together what one of them says."""
 
-LEAST_WINDOWS = 8
-"""Fewest windows that carry a verdict, and most of one recording that may repeat each other."""
-
 LARGEST_GAP = 5.0
 """A step of the stamps this many times the usual one ends a window."""
 
@@ -155,7 +152,7 @@ def cut_windows(
                 continue
             credit += 1.0
             if credit >= every:
-                if rough is None or _repeats(path, chosen, first, count) < LEAST_WINDOWS:
+                if rough is None or _repeats(path, chosen, first, count) < model.settings.robot.windows:
                     chosen.append(first)
                 credit -= every
             first += count

@@ -26,7 +26,6 @@ from mrwarp.robot_logs.robot_fit import FirstLook, fitted_alone, searched
 from mrwarp.robot_logs.robot_log import LogError, load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.selection import (
-    PARTS,
     Found,
     Hypothesis,
     bounds_of,
@@ -40,7 +39,8 @@ from mrwarp.robot_logs.selection import (
 from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import Command, TrueRobot
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
-from mrwarp.robot_logs.windows import LEAST_WINDOWS, cut_windows, held_rows
+from mrwarp.robot_logs.windows import cut_windows, held_rows
+from mrwarp.sysid.settings import Robot, Settings
 from tests.robot_logs.arm_log import arm_log, six_joint_log
 
 BETWEEN = 0.0005
@@ -76,7 +76,7 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
     keys = {"verdict", "sentence", "causes", "suspects", "unexplained", "cannot_know", "baseline", "extended", "gain"}
     assert keys <= set(result)
     assert set(result["per_channel"]) == {"q", "qd"}
-    assert len(np.unique(corrections[-1], axis=0)) == PARTS  # each part's comes from the others
+    assert len(np.unique(corrections[-1], axis=0)) == Settings().robot.parts  # each part's comes from the others
     assert result["per_channel"]["q"]["extended"] < 0.2 * result["per_channel"]["q"]["baseline"]
     assert result["next_experiment"]["what"] in "".join(result["cannot_know"])
     assert result["verdict"] == "named"
@@ -98,6 +98,17 @@ def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:
     assert not np.any(d.theta)
     assert {"trunk_mass", "backlash"} <= {text.partition(":")[0] for text in d.cannot_know}
     assert d.next_experiment is not None and "walk" not in "".join((d.next_experiment.what, *d.cannot_know))
+
+
+def test_settings_decide(tmp_path: Path) -> None:
+    """Higher odds name less, and so does a cause that must recur more clearly; a verdict takes as many windows."""
+    p = replace(_parameter(), step=0.1, spread=0.02, least=0.05, fault=1.0)
+    seen = _likelihood(np.full((64, 1, 1), 4e3), np.full((64, 1), 4e3 * 0.2))
+    for robot, count in ((Robot(), 1), (Robot(odds=1e3), 0), (Robot(recurrence=99.0), 0)):
+        assert len(select(replace(seen, settings=Settings(robot=robot)), [p])) == count, robot
+    log = arm_log(tmp_path, seconds=2.0)
+    with pytest.raises(LogError, match="900 are needed"):
+        diagnose_log(log / "arm.xml", load_log(log), settings=Settings(robot=Robot(windows=900)))
 
 
 def test_products_of_small_matrices_take_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -331,7 +342,7 @@ def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
     likelihood = _likelihood(np.tile(np.outer(reading, reading), (64, 1, 1)), (4.0 + noise)[:, None] * reading)
 
     def proven(spread: float) -> bool:
-        drives = [replace(_parameter(), cause="nuisance", spread=spread) for _ in range(12)]
+        drives = [replace(_parameter(), cause="nuisance", field="shift", spread=spread) for _ in range(12)]
         return bool(robot_proof.cross_validated(found, likelihood, [replace(_parameter(), spread=0.1), *drives])[0])
 
     assert proven(1.5)
@@ -441,7 +452,8 @@ def test_of_kp_and_kd_the_likelier_with_its_torque_scale_is_named(size: float, s
     ]
     both = {x: Hypothesis(cause=x, where="robot", members=m) for x, m in (("kp", (0, 1)), ("kd", (2, 3)))}
     kp = Found(hypothesis=both["kp"], z=9.0, alternatives=(both["kd"],))
-    (found,), theta = robot_fit.likelier([kp], np.array([size, size, 0.0, 0.0, scale]), parameters)
+    begin, odds = np.array([size, size, 0.0, 0.0, scale]), Settings().robot.rival_odds
+    (found,), theta = robot_fit.likelier([kp], begin, parameters, odds)
     assert found.hypothesis == both[named]
     if named == "kd":
         own = 1.0 / (1.0 + size) - 1.0
@@ -668,7 +680,7 @@ def test_windows_of_a_robot_at_rest_count_together_once(tmp_path: Path) -> None:
         log = load_log(tmp_path / motion)
         (group,) = cut_windows(replay_model(Path("mr_go"), log), log)
         counts[motion] = float(group.distinct.sum()), group.count
-    assert counts["stand"] == (pytest.approx(1.0, abs=0.2), LEAST_WINDOWS)
+    assert counts["stand"] == (pytest.approx(1.0, abs=0.2), Settings().robot.windows)
     assert counts["walk"][0] == counts["walk"][1]
 
 
@@ -755,7 +767,7 @@ def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
         None,
         [],
         [_parameter()],
-        SimpleNamespace(scale=1.0),
+        SimpleNamespace(scale=1.0, settings=Settings()),
         np.zeros((1, 1)),
         np.array([0.0]),
         np.array([2.0]),

@@ -9,7 +9,8 @@ import pytest
 
 from mrwarp.robot_logs import single_changes
 from mrwarp.robot_logs.selection import Hypothesis
-from mrwarp.robot_logs.single_changes import KEPT, SCREENED, screened
+from mrwarp.robot_logs.single_changes import screened
+from mrwarp.sysid.settings import RobotFit, Settings
 
 
 def test_of_many_changes_the_best_by_some_windows_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,6 +24,8 @@ def test_of_many_changes_the_best_by_some_windows_are_kept(monkeypatch: pytest.M
     monkeypatch.setattr(single_changes, "left_by_each", left)
     d = Hypothesis(cause="kp", where="a", members=(0,))
     tried = [(np.array([float(k)]), d, 100.0 * (k == 7)) for k in range(30)]
-    found = screened(tried, SimpleNamespace(), SimpleNamespace(), [], [])
-    assert (asked, len(found)) == ([SCREENED], KEPT)
+    settings = RobotFit(kept=5)
+    described = SimpleNamespace(settings=Settings(robot_fit=settings))
+    found = screened(tried, described, SimpleNamespace(), [], [])
+    assert (asked, len(found)) == ([settings.screened], 5)
     assert found[0][0][0] in (6.0, 8.0) and all(robot[0] != 7.0 for robot, _, _ in found)

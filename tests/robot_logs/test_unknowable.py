@@ -26,6 +26,7 @@ from mrwarp.robot_logs.unknowable import GROUND as GROUND_CAUSES
 from mrwarp.robot_logs.virtual.motions import AIR, GROUND
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.windows import foot_slipped
+from mrwarp.sysid.settings import Settings
 
 
 @pytest.mark.parametrize("motions", [MOTIONS, ARM_MOTIONS])
@@ -158,7 +159,7 @@ def test_how_well_feet_hold_is_told_where_they_slip(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(unknowable, "foot_slipped", lambda model, log: slipped)
     monkeypatch.setattr(unknowable, "replayed", lambda e, m, g, p, x: (1e6 * max(0.3 - 0.8 * (1.0 + x[0]), 0.0), None))
     model, log = SimpleNamespace(free=True, devices=()), SimpleNamespace(runs=[], kp=np.ones(1), tau_is="estimate")
-    likelihood = SimpleNamespace(sigma={}, scale=1.0)
+    likelihood = SimpleNamespace(sigma={}, scale=1.0, settings=Settings())
     holds = friction_that_holds(likelihood, model, log, [], [p], np.array([0.1]))
     assert (holds is None) == slipped
     assert holds is None or holds == pytest.approx(0.3, abs=0.03)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 
 from mrwarp.sysid.settings.joint_settings import Calibration, Experiment, Gain, Law, Proof, Rest, Search, Steps
 from mrwarp.sysid.settings.recording_settings import Data, Effort, Faults, Reading, Spikes
+from mrwarp.sysid.settings.robot_settings import Robot, RobotFit
 
 __all__ = [
     "Calibration",
@@ -22,6 +23,8 @@ __all__ = [
     "Proof",
     "Reading",
     "Rest",
+    "Robot",
+    "RobotFit",
     "Search",
     "Settings",
     "Spikes",
@@ -68,6 +71,10 @@ class Settings:
     """The experiment that is proposed next."""
     effort: Effort = field(default_factory=Effort)
     """Processor time."""
+    robot: Robot = field(default_factory=Robot)
+    """Which causes of a robot's log are named."""
+    robot_fit: RobotFit = field(default_factory=RobotFit)
+    """How far a robot is fitted to its log."""
 
     def __post_init__(self) -> None:
         """Check that each group is one of its kind."""
