@@ -103,7 +103,8 @@ def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:
 def test_settings_decide(tmp_path: Path) -> None:
     """Higher odds name less, and so does a cause that must recur more clearly; a verdict takes as many windows."""
     p = replace(_parameter(), step=0.1, spread=0.02, least=0.05, fault=1.0)
-    seen = _likelihood(np.full((64, 1, 1), 4e3), np.full((64, 1), 4e3 * 0.2))
+    size = 0.2 + np.random.default_rng(0).normal(0.0, 0.1, 64)
+    seen = _likelihood(np.full((64, 1, 1), 4e3), 4e3 * size[:, None])
     for robot, count in ((Robot(), 1), (Robot(odds=1e3), 0), (Robot(recurrence=99.0), 0)):
         assert len(select(replace(seen, settings=Settings(robot=robot)), [p])) == count, robot
     log = arm_log(tmp_path, seconds=2.0)
