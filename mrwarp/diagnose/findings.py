@@ -233,7 +233,7 @@ def unexplained_of(
         return None
     if line is not None and line.gain > gain:
         return Unexplained(depends_on=("frequency",), form=f"a line at {line.frequency:.2f} Hz", share=share)
-    clear = [f for f in left[:3] if f.gain > problem.settings.gain.half * left[0].gain]
+    clear = [f for f in left[:3] if f.gain > problem.settings.search.near * left[0].gain]
     variables = dict.fromkeys(v for f in clear for v in f.group.variables)
     return Unexplained(depends_on=tuple(variables), form=left[0].group.form, share=share)
 

@@ -35,8 +35,7 @@ class Gain(Checked):
     few: int = setting(4, 2, 100, fewer="chance findings", more="questions that stay open in short data")
     """Fewest runs, rests or spectra among which a gain can be distinguished from chance."""
     half: float = setting(0.5, 0.0, 1.0, fewer="missed differences", more="false ones")
-    """Ratio of two squares, spreads or gains below which one is clearly less than the other: candidates that gain as
-    much of the best one's gain are looked at as well."""
+    """Ratio of two squares, spreads or powers below which one is clearly less than the other."""
     detail: float = setting(0.05, 0.0, 1.0, fewer="findings of no use", more="missed small ones")
     """Share of the torque's standard deviation up to which a mismatch, a moved zero or a growth at rest is a detail."""
     chance: float = setting(1e-3, 0.0, 1.0, fewer="missed laws", more="accidents taken for laws")
@@ -67,6 +66,8 @@ class Search(Checked):
     """Part of an effect's gain that must remain next to free functions of its rest."""
     kept_next_to_more: float = setting(0.5, 0.01, 1.0, fewer="proxies", more="missed causes next to others", by=RATES)
     """That part where the free functions gain much more than the effect."""
+    near: float = setting(0.5, 0.0, 1.0, fewer="fits and parts of a finding", more="wrong first guesses")
+    """Part of the best one's gain from which others are looked at, and reported, as well."""
     taken_up: float = setting(0.3, 0.0, 1.0, fewer="missed causes", more="proxies of other structure")
     """Part of a structure's gain before the effects that they have to leave of it: what they have mostly taken up is
     their own law in another form."""
@@ -99,9 +100,9 @@ class Proof(Checked):
 class Rest(Checked):
     """Structure that no effect explains."""
 
-    clearly: float = setting(2.0, 0.0, 1e3, fewer="false structure", more="missed structure")
+    clearly: float = setting(2.0, 0.0, 1e3, fewer="false reports", more="missed structures")
     """Gain, in least gains, from which structure is reported at all."""
-    certainly: float = setting(5.0, 0.0, 1e3, fewer="structure of few runs", more="missed structure")
+    certainly: float = setting(5.0, 0.0, 1e3, fewer="reports from few runs", more="missed structures")
     """Gain, in least gains, above which it is reported although a few trajectories carry it."""
     slow_t: float = setting(2.5, 0.0, 20.0, fewer="false drifts", more="missed ones")
     """Least t of structure that is slow or has a memory: it differs between trajectories by chance, too."""
@@ -109,7 +110,7 @@ class Rest(Checked):
     """Share of the mismatch that may repeat without being reported. A half of the data that has less of an effect's
     energy says nothing of its size: what else is wrong there is as large. An effect that leaves less of the loss
     stands in for nothing."""
-    with_law: float = setting(2 / 3, 0.0, 1.0, fewer="missed noise of runs", more="rests of the law taken for noise")
+    with_law: float = setting(2 / 3, 0.0, 1.0, fewer="missed repeats", more="noises counted as repeats")
     """Ratio of squares, next to a law of another shape, below which what differs where a motion comes again is clearly
     less than what boosting leaves: much of that is the law's own rest."""
     line_chance: float = setting(1e-5, 0.0, 1.0, fewer="missed lines", more="false lines", by="exponential law")
@@ -133,10 +134,10 @@ class Law(Checked):
     rivals: int = setting(3, 1, 20, fewer="false laws", more="work")
     """Effects that are tried with eq. 14, and most that a first answer lists."""
     moved: float = setting(
-        0.85, 0.0, 1.0, fewer="friction taken for moved zeros", more="moved zeros taken for friction"
+        0.85, 0.0, 1.0, fewer="moved zeros taken for friction", more="frictions taken for moved zeros"
     )
     """Ratio of squared errors, with a zero for each trajectory to one for all, below which the zeros differ."""
-    gap: float = setting(0.3, 0.0, 1.0, fewer="groups of zeros", more="all zeros as moved")
+    gap: float = setting(0.3, 0.0, 1.0, fewer="groups of zeros", more="runs that all count as moved")
     """Share of the zeros' range from which a gap between them separates the moved ones from the others."""
 
 

@@ -50,7 +50,9 @@ class Faults(Checked):
 class Spikes(Checked):
     """Single samples that stand out of all that is smooth."""
 
-    far: float = setting(6.0, 1.0, 100.0, fewer="noise taken for spikes", more="missed spikes", by="normal law")
+    far: float = setting(
+        6.0, 1.0, 100.0, fewer="samples of noise taken for spikes", more="missed spikes", by="normal law"
+    )
     """Size of a spike in robust standard deviations of what is left: one in 500 million samples of normal noise. As
     many standard errors a zero must be off to have moved."""
     most: float = setting(0.05, 0.0, 1.0, fewer="recordings with spikes left in", more="laws taken for spikes")
@@ -74,13 +76,15 @@ class Reading(Checked):
     per_period: float = setting(10.0, 2.0, 1e3, fewer="accelerations that are too small", more="time")
     """Samples per period of the torque's quick part that are kept at least: an acceleration of fewer is too small by a
     tenth."""
-    misfit: float = setting(1.3, 1.0, 100.0, fewer="plain least squares", more="misfits that are whitened as noise")
+    misfit: float = setting(
+        1.3, 1.0, 100.0, fewer="fits by plain least squares", more="misfits that are whitened as noise"
+    )
     """Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
     many: int = setting(20, 2, 1000, fewer="drifts in the noise", more="effects in the noise")
     """Trajectories above which smooth functions take up little of their offsets and factors; below, most of them."""
     begun: float = setting(0.8, 0.0, 1.0, fewer="runs without stress at their start", more="runs under way by chance")
     """Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
-    smoothing: float = setting(8.0, 1.0, 1e3, fewer="noise in accelerations", more="time")
+    smoothing: float = setting(8.0, 1.0, 1e3, fewer="noisy accelerations", more="time")
     """Largest divisor of the smoother's bandwidth that is tried; it doubles from 2 on."""
 
 
