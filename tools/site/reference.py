@@ -128,13 +128,9 @@ def diagnosis_page() -> str:
     from mrwarp.sysid.settings import Settings
     from mrwarp.sysid.settings.checked import described
 
-    parts = [
-        "# Settings of a diagnosis",
-        "",
-        "Every number by which `mrwarp.diagnose(data, settings=...)` decides, as",
-        "",
-    ]
-    parts += ["`from mrwarp.sysid.settings import Gain, Settings; Settings(gain=Gain(chi2=50.0))`.", ""]
+    parts = ["# Settings of a diagnosis", "", "Numbers by which a diagnosis decides. Another value is passed as", ""]
+    parts += ["```python", "from mrwarp.sysid.settings import Gain, Settings", ""]
+    parts += ["mrwarp.diagnose(data, settings=Settings(gain=Gain(chi2=50.0)))", "```", ""]
     parts += ["What is physically possible stands in the [effects](../extend.md), not here."]
     for group in fields(Settings):
         kind: Any = group.default_factory

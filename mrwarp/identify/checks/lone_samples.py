@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation, median_filter
 from scipy.stats import binomtest
 
 from mrwarp.identify.dataset import MOVING, Dataset
-from mrwarp.sysid.settings import Gain, Settings
+from mrwarp.sysid.settings import Settings
 
 _BEFORE, _AFTER = 1, 4
 """Samples left out around each spike: noise is judged by what came just before."""
@@ -31,7 +31,7 @@ def find_spikes(
         settings: Rules of what stands out, and of what follows a law; None: the defaults.
     """
     settings = settings or Settings()
-    spikes, gain = settings.spikes, settings.gain
+    spikes = settings.spikes
     far = far_off(left, samples, counts, spikes.far)
     alone = far & _stands_out(left, samples)
     stuck = _dropouts(alone, samples)
@@ -39,25 +39,25 @@ def find_spikes(
         window = along != 0.0
         inside, outside = _rate(far, window & counts), _rate(far, ~window & counts)
         if inside > spikes.locked * outside:
-            own = _has_one_sign(left * along, alone & window & ~stuck, gain)
+            own = _has_one_sign(left * along, alone & window & ~stuck, settings)
             far &= ~window | stuck if own else ~window | alone
     for along in (np.sign(samples.qd), np.sign(simulated - np.median(simulated))):
-        if _has_one_sign(left * along, far & ~stuck, gain):
+        if _has_one_sign(left * along, far & ~stuck, settings):
             # of a joint that goes one way, spikes of one sign are along the motion, too
-            far &= alone if abs(float(along.mean())) > gain.half else stuck
+            far &= alone if abs(float(along.mean())) > spikes.one_sign else stuck
     carried = float(np.sum(left[far] ** 2))
-    heavy = carried > gain.part * float(np.sum(left[counts] ** 2))
+    heavy = carried > settings.gain.part * float(np.sum(left[counts] ** 2))
     large = carried > spikes.size**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
     return far if heavy and large and far.sum() <= spikes.most * counts.sum() else np.zeros(len(left), dtype=bool)
 
 
-def _has_one_sign(along: np.ndarray, far: np.ndarray, gain: Gain) -> bool:
+def _has_one_sign(along: np.ndarray, far: np.ndarray, settings: Settings) -> bool:
     """Whether stretches of far samples have one sign too often for chance, by what is left along some direction."""
     stretches = np.cumsum(np.diff(far.astype(int), prepend=0) == 1) * far
     count = int(stretches.max(initial=0))
     sums = np.bincount(stretches, weights=along, minlength=count + 1)[1:]
-    one_sign = abs(float(sums.sum())) > gain.half * float(np.abs(sums).sum())
-    return one_sign and float(binomtest(int((sums > 0.0).sum()), count).pvalue) < gain.chance
+    one_sign = abs(float(sums.sum())) > settings.spikes.one_sign * float(np.abs(sums).sum())
+    return one_sign and float(binomtest(int((sums > 0.0).sum()), count).pvalue) < settings.gain.chance
 
 
 def _dropouts(far: np.ndarray, samples: Dataset) -> np.ndarray:

@@ -63,6 +63,8 @@ class Spikes(Checked):
     """Time after a reversal or a step of the control input in which a law may show [s]."""
     locked: float = setting(3.0, 1.0, 100.0, fewer="missed spikes", more="missing laws taken for spikes")
     """Ratio of the rates of far samples in these times and outside, from which they belong to the events."""
+    one_sign: float = setting(0.5, 0.0, 1.0, fewer="missed spikes", more="missing laws taken for spikes")
+    """Part of a sum, in size, that one sign has over the other from which it has that sign: three quarters have it."""
 
 
 @dataclass(frozen=True, kw_only=True)
