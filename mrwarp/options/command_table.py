@@ -98,7 +98,7 @@ COMMANDS: dict[str, Command | Group] = {
     "replay-dump": Command("run_train:ReplayDump", "what went wrong first where a training met NaN or a blow-up"),
     "impact": Command("run_impact:Impact", "hit walking robots with each current; live view, recording, pictures"),
     "walk": Command("run_walk:Walk", "walk 30 m with three robots: cost of transport, support activation, torques"),
-    "mission": Command("run_walk:Mission", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
+    "mission": Command("run_mission:Mission", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
     "bench": Command("run_bench:Bench", "virtual torque bench: recordings with known hidden effects"),
     "check": Command("run_fit:Check", "explain a recording, or what is wrong with it"),
     "fit": Command("run_fit:Fit", "identify the joint from recordings"),

@@ -1,0 +1,187 @@
+"""``mrwarp mission``: power, charge and temperatures of three robots over the paper's task."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from mrwarp import paper
+from mrwarp.commands.run_walk import Distance, EnergyOptions, trained_on, trot_speed
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.progress_bar import ProgressBar
+from mrwarp.paper import ROBOTS
+from mrwarp.run_dir import write_result
+from mrwarp.runtime import drawing
+
+if TYPE_CHECKING:
+    from mrwarp.trials.mission import MissionCfg
+    from mrwarp.trials.walking import Policy
+
+TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
+"""Options that make a mission the paper's or another."""
+
+
+def _of_paper(text: str) -> str:
+    """One of the paper's robots; another one has no battery and windings that are known."""
+    if text not in ROBOTS:
+        other = (
+            f"; the energy of another robot: mrwarp walk --robot {text} --policy P.onnx" if Path(text).suffix else ""
+        )
+        raise ValueError(f"{text!r} is none of {', '.join(ROBOTS)}, whose battery and windings are known{other}")
+    return text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission(EnergyOptions):
+    """The pickup-and-return task with Go1, MR_Go and MR_Go-SAL.
+
+    A window of every phase is simulated and carried over the whole phase by the electrical, battery and thermal models.
+    """
+
+    renamed = {"seeds": "trials"}
+    out: opt.Folder = Path("runs/mission")
+    """output folder"""
+    robot: Annotated[tuple[str, ...], opt.some(_of_paper, f"{{{','.join(ROBOTS)}}}")] = ROBOTS
+    """robots"""
+    speed: Annotated[float, opt.one(trot_speed, "V")] = 0.3
+    """command [m/s], not in the paper"""
+    distance: Distance = paper.DISTANCE
+    """one way [m]"""
+    standby: opt.Positive = paper.STANDBY
+    """standing [s]"""
+    outbound_load: opt.Load = paper.arm_load()
+    """load out and while standing [kg]: by default the arm, from Go1's own rows"""
+    return_load: opt.Load = 3.0
+    """load back [kg]"""
+    window: Distance = 10.0
+    """simulated distance of each walk [m]"""
+    trials: opt.Count = 3
+    """repetitions"""
+    feedback: opt.Flag = False
+    """warm windings and fluids act back; a second pass"""
+    thermal: opt.Flag = False
+    """MR_Go-SAL alone, its devices warming up along the way: what holds slip, what compensation costs; with the three
+    shipped policies, or the one that is named"""
+    ambient: Annotated[float, opt.one(opt.within(-60.0, 80.0, "K"), "K")] = 0.0
+    """with --thermal: air above the temperature at which the devices were identified"""
+    calibrate: opt.Flag = False
+    """fit thermal numbers and capacity to Go1's, write numbers.json"""
+
+    def check(self) -> None:
+        """Refuse also the policy of a robot of one's own."""
+        super().check()
+        if self.policy and (file := trained_on(self.policy)):
+            raise ValueError(
+                f"--policy {self.policy}: was trained on {file}, whose battery and windings are not known; its energy: "
+                f"mrwarp walk --policy {self.policy}"
+            )
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 1 when a robot could not finish, 2 on bad input."""
+        from mrwarp.energy.model_numbers import read_numbers, write_numbers
+        from mrwarp.trials import energy_report, walk_pictures
+        from mrwarp.trials.mission import MissionCfg, heat_of_devices
+        from mrwarp.trials.walking import device_notes, task_devices
+        from mrwarp.usd.asset import most_current, not_known
+
+        started, progress = time.perf_counter(), ProgressBar()
+        groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
+        same = self.chosen(*TASK, "window", "current", "feedback", "seed")
+        cfg = MissionCfg(
+            **same, seeds=self.trials, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg()
+        )
+        devices = task_devices(cfg.env)
+        cfg = replace(cfg, current=min(self.current, most_current(devices)))
+        of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
+        given = groups["thermal"]
+        groups["thermal"], unknown = heat_of_devices(devices, given)
+        if unknown and (self.thermal or self.feedback):
+            option, names = "--thermal" if self.thermal else "--feedback", "; ".join(unknown)
+            raise ValueError(f"{option}: how the devices of --model warm up is not known: {names}; state it")
+        if self.thermal:
+            return self._thermal(line, cfg, self._thermal_policies(policies), groups, progress)
+        if self.ambient:
+            raise ValueError("--ambient goes with --thermal; add it")
+        if self.calibrate and "go1" not in cfg.robots:
+            raise ValueError("--calibrate needs Go1 among the robots")
+        if self.calibrate and not of_paper:
+            others = ", ".join(f"--{name.replace('_', '-')}" for name in TASK)
+            raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
+        for text in device_notes(cfg.env, self.current):
+            print(text, flush=True)
+        if unknown:
+            print(f"note: the temperature of the devices is left out; not known: {'; '.join(unknown)}", flush=True)
+        task = {**self.chosen(*TASK, "feedback"), "seeds": self.trials, "of_paper": of_paper, "current": cfg.current}
+        try:
+            traces, figures = energy_report.mission_figures_of(
+                cfg, policies, groups, progress, of_paper=of_paper, calibrated=self.calibrate, fluid_known=not unknown
+            )
+        finally:
+            progress.done()
+        if self.calibrate:
+            write_numbers(self.out / "numbers.json", groups)
+        figures |= {"task": task, "wall_seconds": time.perf_counter() - started}
+        if not self.calibrate and groups["thermal"] != given:
+            figures["numbers"]["thermal"]["fluid_capacity"]["source"] = "the device's mass, taken as steel"
+        figures["not_known"] = [*not_known(devices), *(name.partition(" (")[0] for name in unknown if "(" in name)]
+        write_result(self.out, figures, seed=self.seed, command=str(line))
+        with drawing("power.png"):
+            walk_pictures.mission_power(traces, self.out / "power.png")
+        with drawing("temperature.png"):
+            walk_pictures.mission_temperature(traces, figures["robots"], self.out / "temperature.png")
+        print("\n".join(energy_report.mission_lines(figures)))
+        print(f"\nfigures and pictures in {self.out}")
+        return 0
+
+    def _thermal_policies(self, policies: dict[str, Policy]) -> dict[str, Policy]:
+        """The policy that was named, or the three shipped ones by their seeds."""
+        if self.policy or self.policy_mr_go_sal:
+            return {"policy": policies["mr_go_sal"]}
+
+        from mrwarp.resources import ENERGY, FIRST_SEEDS, plant_of, policy_file
+        from mrwarp.rl.policy import OnnxPolicy
+
+        plant = plant_of("mr_go_sal", self.coupling)
+        return {f"seed {seed}": OnnxPolicy(policy_file(ENERGY, plant, seed)) for seed in FIRST_SEEDS}
+
+    def _thermal(
+        self,
+        line: CommandLine,
+        cfg: MissionCfg,
+        policies: dict[str, Policy],
+        groups: dict[str, Any],
+        progress: ProgressBar,
+    ) -> int:
+        """The mission of MR_Go-SAL with devices that warm up."""
+        from mrwarp.energy.model_numbers import described
+        from mrwarp.trials import thermal_mission
+
+        if self.calibrate or self.feedback:
+            raise ValueError("--thermal takes neither --calibrate nor --feedback; leave them out")
+        if self.current_by is not None:
+            raise ValueError("--thermal compares fixed and scheduled currents by itself; leave out --current-by")
+        begun, missions = time.process_time(), {}
+        try:
+            for k, (name, policy) in enumerate(policies.items()):
+
+                def report(text: str, share: float, k: int = k, name: str = name) -> None:
+                    progress(f"{name}, {text}", (k + share) / len(policies))
+
+                missions[name] = thermal_mission.run(
+                    cfg, policy, groups["electrical"], groups["thermal"], self.ambient, report
+                )
+        finally:
+            progress.done()
+        found = thermal_mission.over(missions)
+        same = {**self.chosen(*TASK), "window": self.window, "trials": self.trials}
+        figures = {**found, "task": same, "numbers": described(groups)}
+        figures["processor_seconds"] = time.process_time() - begun
+        write_result(self.out, figures, seed=self.seed, command=str(line))
+        with drawing("thermal.png"):
+            thermal_mission.picture(found, self.out / "thermal.png")
+        print("\n".join(thermal_mission.lines(found)))
+        print(f"\nfigures and picture in {self.out}")
+        return 0
