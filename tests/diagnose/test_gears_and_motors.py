@@ -21,11 +21,11 @@ def diagnosed(name: str) -> Diagnosis:
 
 
 def test_a_motor_at_constant_speed_cogs() -> None:
-    """Published: 72 per turn, then 18, 12, 144, 24."""
+    """Published: 72 per turn, then 18, 12, 144, 24; 25 turns resolve lines to 1/25 per turn, half of it may be off."""
     found = diagnosed("cogging_speed")
     cogging = next(c for c in found.causes if c.name == "cogging")
     repeats = [v.value for name, v in cogging.parameters.items() if name.startswith("periods")]
-    assert repeats[:3] == pytest.approx([72.0, 18.0, 12.0], abs=0.05)
+    assert repeats[:3] == pytest.approx([72.0, 18.0, 12.0], abs=0.5 / 25.0)
     assert found.extended.nrmse < 0.35 and "72 per turn" in found.sentence
 
 
@@ -33,7 +33,7 @@ def test_a_gear_with_locked_output_has_play_and_compliance() -> None:
     """Published by place and state: play 0.57 to 1.7 degrees, that is a half-gap of 5 to 15 mrad."""
     found = diagnosed("cyclo_base")
     gear = next(c for c in found.causes if c.name == "compliance_with_backlash")
-    assert 0.005 < gear.parameters["half_gap"].value < 0.017
+    assert 0.005 < gear.parameters["half_gap"].value < 0.015
     assert found.extended.nrmse < 0.6 * found.baseline.nrmse
 
 

@@ -34,13 +34,17 @@ def test_session_clock_is_the_recorded_time() -> None:
 
 
 def test_runs_without_a_common_clock_each_begin_at_zero() -> None:
-    """Time, the path slid and the heat are those of the run itself, regardless of the runs before it in the folder."""
+    """Time, the path slid and the heat are those of the run itself, regardless of the runs before it in the folder.
+
+    Path and heat are sums: their N terms round by 2**-53 each, differently where a run has another length and place.
+    """
     repeated = Motion.of(Recording(trajectories=(run(0.0), run(0.0), run(0.0))), Scales())
     alone = Motion.of(Recording(trajectories=(run(0.0),)), Scales())
     for part in repeated.parts:
         np.testing.assert_array_equal(repeated.time[part], alone.time)
-        np.testing.assert_allclose(repeated.slid_time[part], alone.slid_time, rtol=1e-12)
-        np.testing.assert_array_equal(repeated.heat[:, part], alone.heat)
+        rounding = 3 * len(alone.time) * np.finfo(float).eps
+        np.testing.assert_allclose(repeated.slid_time[part], alone.slid_time, rtol=rounding)
+        np.testing.assert_allclose(repeated.heat[:, part], alone.heat, rtol=rounding)
     assert repeated.ranges.session == alone.ranges.session
 
 
