@@ -49,6 +49,22 @@ def without_wrong_readings(x: np.ndarray, periods: Sequence[float] = ()) -> tupl
     return x, at
 
 
+def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
+    """Replace single wrong readings of the motion in the columns of a run; notes on them."""
+    found = []
+    for key in run.keys() & {"q", "qd"}:
+        run[key], at = without_wrong_readings(before := run[key], units.periods() if key == "q" else ())
+        if len(at):
+            far, where = float(np.abs(before - run[key]).max()), tuple(float(t) for t in run["t"][at[:10]])
+            places = ", ".join(f"{t:.4g}" for t in where[:3]) + (", ..." if len(at) > 3 else "")
+            text = (
+                f"{len(at)} single readings of {key} go off by up to {far:.3g} {units.base(key)} and come back at "
+                f"once, as no joint does (at {places} s): the middle of their neighbours takes their place"
+            )
+            found.append(Repair(trajectory=label, kind="replaced", count=len(at), at=where, text=text))
+    return found
+
+
 def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[np.ndarray, int, float]:
     """An angle that goes on where its reading begins again.
 
@@ -75,6 +91,16 @@ def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[n
             turns = np.concatenate([[0.0], np.cumsum(whole)])
             return q - period * turns, int(wraps.sum()), period
     return q, 0, 0.0
+
+
+def in_one_turn(angles: Sequence[np.ndarray], period: float) -> list[np.ndarray]:
+    """Angles of several runs, moved by whole periods so that their medians are nearest to the first one's.
+
+    Where a reading begins again, a run may begin on either side of that place though the joint is where it was.
+    """
+    middle = float(np.median(angles[0]))
+    turns = [float(np.rint((middle - np.median(q)) / period)) for q in angles]
+    return [q + period * turn if turn else q for q, turn in zip(angles, turns, strict=True)]
 
 
 def integrated(qd: np.ndarray, dt: float) -> np.ndarray:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.angle import integrated, unwrapped, without_wrong_readings
+from mrwarp.recording.angle import in_one_turn, integrated, replace_wrong_readings, unwrapped
 from mrwarp.recording.data import (
     COLUMNS,
     DEGREES,
@@ -138,6 +139,8 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
     if len(set(names)) < len(names):
         double = next(name for name in names if names.count(name) > 1)
         raise RecordingError(f"{path}: two trajectories are called {double!r}; rename a file or a trajectory")
+    if units.base("q") == "rad" and any(repair.kind == "unwrapped" for repair in repairs):
+        trajectories = _in_one_turn(trajectories, repairs)
     recording = Recording(
         trajectories=tuple(trajectories),
         units={key: units.base(key) for key in ("q", "current", "torque")},
@@ -260,7 +263,7 @@ def _checked_trajectories(
     for name, rows in _groups(table):
         label = stem if name is None else f"{stem}/{name}" if in_folder else name
         run = {key: values[rows] for key, values in columns.items()}
-        repairs += _replaced(label, run, units)
+        repairs += replace_wrong_readings(label, run, units)
         if "q" in run:
             run["q"], wraps, period = unwrapped(run["t"], run["q"], units.periods())
             if wraps:
@@ -302,20 +305,15 @@ def _trajectory(name: str, part: dict[str, np.ndarray], header: dict[str, Any], 
     )
 
 
-def _replaced(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
-    """Replace single wrong readings of the motion in the columns of a run; notes on them."""
-    found = []
-    for key in run.keys() & {"q", "qd"}:
-        run[key], at = without_wrong_readings(before := run[key], units.periods() if key == "q" else ())
-        if len(at):
-            far, where = float(np.abs(before - run[key]).max()), tuple(float(t) for t in run["t"][at[:10]])
-            places = ", ".join(f"{t:.4g}" for t in where[:3]) + (", ..." if len(at) > 3 else "")
-            text = (
-                f"{len(at)} single readings of {key} go off by up to {far:.3g} {units.base(key)} and come back at "
-                f"once, as no joint does (at {places} s): the middle of their neighbours takes their place"
-            )
-            found.append(Repair(trajectory=label, kind="replaced", count=len(at), at=where, text=text))
-    return found
+def _in_one_turn(runs: list[Trajectory], repairs: list[Repair]) -> list[Trajectory]:
+    """Runs of an angle that begins again after a turn, by whole turns to where the first is; adds a note."""
+    found = in_one_turn([run.q for run in runs], 2.0 * np.pi)
+    moved = [run.id for run, q in zip(runs, found, strict=True) if q is not run.q]
+    if not moved:
+        return runs
+    text = f"moved by whole turns to where {runs[0].id} is: the reading begins again between them"
+    repairs += [Repair(trajectory=name, kind="unwrapped", count=1, text=text) for name in moved]
+    return [replace(run, q=q) for run, q in zip(runs, found, strict=True)]
 
 
 def _unwrapped(label: str, wraps: int, period: float, units: Units) -> Repair:

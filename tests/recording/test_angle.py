@@ -58,6 +58,24 @@ def test_an_angle_that_wraps_goes_on(
     assert "begins again after" in capsys.readouterr().out
 
 
+def test_runs_on_both_sides_of_where_a_reading_begins_again_are_in_one_turn(tmp_path: Path) -> None:
+    """A joint that swings by 20 deg about 3 deg: runs begin at 350 or 10 deg, and one never reaches the border."""
+    t = np.arange(400) * 0.005
+    swings = [0.05 + 0.35 * np.sin(TURN * t + phase) for phase in (0.3, 3.5, 5.0)]
+    swings.append(-0.2 + 0.1 * np.sin(TURN * t))
+    for k, q in enumerate(swings):
+        data = {**columns(400), "q": np.rad2deg(q) % 360.0}
+        data.pop("qd")
+        write(tmp_path / f"{k}.csv", data)
+    (tmp_path / "units.json").write_text(json.dumps({"q": "deg"}))
+    recording = load_recording(tmp_path)
+    first = recording.trajectories[0].q - swings[0]
+    assert np.rint(first[0] / TURN) * TURN == pytest.approx(first[0])
+    for run, q in zip(recording.trajectories, swings, strict=True):
+        np.testing.assert_allclose(run.q, q + first[0], atol=1e-9)
+    assert any("moved by whole turns to where 0 is" in note for note in recording.repaired())
+
+
 @pytest.mark.parametrize("wraps", [False, True])
 def test_single_wrong_readings_are_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str], wraps: bool) -> None:
     """Four readings of an encoder that go off by 0.3 to 3 rad: the swing is there without them, and a note says so."""
