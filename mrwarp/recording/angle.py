@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mrwarp.recording.data import Repair
+from mrwarp.recording.units import Units
+
 _WITHIN = 1.001
 """Largest span, in periods, of readings that begin again after one: rounding may go a little beyond."""
 _SMOOTH = 3.0
