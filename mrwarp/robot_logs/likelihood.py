@@ -14,7 +14,7 @@ import numpy as np
 
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
+from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, completed
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances, side_by_side
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.sysid.least_squares import Rules, minimise
@@ -91,6 +91,8 @@ def gather(
     parameters: list[Parameter],
     theta: np.ndarray,
     log: Callable[[str], None],
+    *,
+    known: Likelihood | None = None,
 ) -> Likelihood:
     """Replay all windows at ``theta`` and around it.
 
@@ -104,8 +106,10 @@ def gather(
         parameters: P parameters.
         theta: Values about which derivatives are taken, shape (P,).
         log: Called with the progress.
+        known: Likelihood of some of the windows with derivatives about the same ``theta``, which are kept.
     """
-    slopes = [slopes_of(model, windows, parameters, theta, log) for windows in groups]
+    have = known.slopes if known else ()
+    slopes = [completed(have, model, windows, parameters, theta, log) for windows in groups]
     rows = [_mismatch(Replay(model, w), parameters, np.tile(theta, (w.count, 1)), np.arange(w.count)) for w in groups]
     broke = ~np.concatenate([np.isfinite(x.base + r).all(axis=1) for x, r in zip(slopes, rows, strict=True)])
     rows = [np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in rows]

@@ -188,7 +188,7 @@ def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _J
     model, groups, parameters = case.model, case.groups, case.parameters
     theta, confirmed, likelihood, rivals = fitted(model, case.part, parameters, progress, look)
     if case.part is not groups:
-        likelihood = gather(model, groups, parameters, theta, progress)
+        likelihood = gather(model, groups, parameters, theta, progress, known=likelihood)
     progress("causes that stand out")
     chosen = select(likelihood, parameters, confirmed)
     validated, _ = cross_validated(chosen, likelihood, parameters)

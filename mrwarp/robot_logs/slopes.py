@@ -61,6 +61,13 @@ class Slopes:
             yield name, x[..., at : at + samples * columns].reshape(*x.shape[:-1], samples, columns)
             at += samples * columns
 
+    def at(self, windows: Windows) -> np.ndarray:
+        """Where each of some windows of the log is among these, -1 where it is not, shape (W,)."""
+        place = {
+            key: k for k, key in enumerate(zip(self.windows.run.tolist(), self.windows.start.tolist(), strict=True))
+        }
+        return np.array([place.get(key, -1) for key in zip(windows.run.tolist(), windows.start.tolist(), strict=True)])
+
     @cached_property
     def blocks(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Readings that the same numbers move: those parameters, those of the start, and the readings, by index."""
@@ -106,15 +113,53 @@ class Slopes:
         return a, b, c
 
 
+def completed(
+    known: Sequence[Slopes],
+    model: ReplayModel,
+    windows: Windows,
+    parameters: list[Parameter],
+    theta: np.ndarray,
+    log: Callable[[str], None],
+) -> Slopes:
+    """Derivatives of a group's replays about ``theta``, (P,), of which those of some windows may be ``known``.
+
+    Other arguments are those of :func:`slopes_of`.
+    """
+    near = {name: x.shape[1:] for name, x in mismatch(windows.measured, windows.measured).items()}
+    for slopes in (x for x in known if x.layout == near):
+        at = slopes.at(windows)
+        new, old = np.flatnonzero(at < 0), np.flatnonzero(at >= 0)
+        if not len(old):
+            continue
+        rest = slopes_of(model, windows.some(new), parameters, theta, log) if len(new) else None
+        order = np.argsort(np.concatenate([old, new]))
+
+        def both(name: str) -> np.ndarray:
+            own = getattr(slopes, name)[at[old]]  # noqa: B023
+            return own if rest is None else np.concatenate([own, getattr(rest, name)])[order]  # noqa: B023
+
+        return Slopes(layout=near, j=both("j"), z=both("z"), windows=_long_steps(windows), base=both("base"))
+    return slopes_of(model, windows, parameters, theta, log)
+
+
+def _long_steps(windows: Windows) -> Windows:
+    """Windows with the steps of the replays from which derivatives are taken."""
+    return windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6))))
+
+
 def slopes_of(
-    model: ReplayModel, windows: Windows, parameters: list[Parameter], theta: np.ndarray, log: Callable[[str], None]
+    model: ReplayModel,
+    windows: Windows,
+    parameters: list[Parameter],
+    theta: np.ndarray,
+    log: Callable[[str], None],
 ) -> Slopes:
     """Derivatives of a group's replays about ``theta``, (P,), many changed robots at once.
 
     Limbs that do not move each other share replays: one robot has a number of each of them changed. What the
     strength of a held robot's drive changes is the sum of what its gains change, where these make all of its torque.
     """
-    replay = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
+    replay = Replay(model, _long_steps(windows))
     steps, count, drawn = nuisances(model), windows.count, {} if model.free else _sums(windows, parameters)
     own = [k for k in range(len(parameters)) if k not in drawn]
     central = [i for i, k in enumerate(own) if parameters[k].declared.central]

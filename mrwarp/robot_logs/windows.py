@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -109,6 +109,14 @@ class Windows:
             feed=mean(self.feed, 2),
             coil=mean(self.coil, 1),
             kp=mean(self.kp, 1),
+        )
+
+    def some(self, own: np.ndarray) -> Windows:
+        """Some of the windows, by index."""
+        common = {"h", "steps", "before", "feed", "measured"}
+        each = {f.name: getattr(self, f.name)[own] for f in fields(self) if f.name not in common}
+        return replace(
+            self, **each, feed=self.feed[:, own], measured={name: x[own] for name, x in self.measured.items()}
         )
 
     @cached_property

@@ -3,9 +3,11 @@
 import contextlib
 import json
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -52,6 +54,27 @@ def half(number: Value) -> float:
     return 0.5 * (number.ci95[1] - number.ci95[0])
 
 
+@pytest.fixture(scope="module")
+def healthy_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Log of an arm as described."""
+    return arm_log(tmp_path_factory.mktemp("healthy"), seconds=8.0)
+
+
+@pytest.fixture(scope="module")
+def late_arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RobotDiagnosis, dict[str, Any]]:
+    """Log of an arm whose commands act 14 ms late, its diagnosis, and by function what was found before sizes."""
+    folder, found = arm_log(tmp_path_factory.mktemp("late"), seconds=8.0, late=0.014), {}
+
+    def noted(name: str) -> Callable:
+        taken = getattr(robot_diagnosis, name)
+        return lambda *args: found.setdefault(name, taken(*args))
+
+    with pytest.MonkeyPatch.context() as patched:
+        for name in ("first_look", "_judged"):
+            patched.setattr(robot_diagnosis, name, noted(name))
+        return folder, _diagnosed(folder), found
+
+
 def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
     tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -91,9 +114,9 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
     assert robot.body("lower").mass[0] == pytest.approx(0.5 + cause["parameters"]["mass"]["value"], rel=1e-5)
 
 
-def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:
+def test_a_healthy_log_has_no_cause(healthy_arm: Path) -> None:
     """Another step, cones and noise than the replay's; a command acts at once, which is no negative delay."""
-    d = _diagnosed(arm_log(tmp_path, seconds=8.0))
+    d = _diagnosed(healthy_arm)
     assert (d.verdict, d.causes) == ("none", ())
     assert not np.any(d.theta)
     assert {"trunk_mass", "backlash"} <= {text.partition(":")[0] for text in d.cannot_know}
@@ -146,20 +169,20 @@ def test_gains_that_the_log_does_not_tell_come_back(tmp_path: Path) -> None:
     assert list(found) == ["robot"] and found["robot"].value == pytest.approx(15.0, abs=half(found["robot"]))
 
 
-def test_torques_of_all_drives_together_cannot_be_known_in_the_air(tmp_path: Path) -> None:
+def test_torques_of_all_drives_together_cannot_be_known_in_the_air(healthy_arm: Path) -> None:
     """Logged gains are 0.85 times the robot's, as masses too small would look: no cause, and reported so."""
-    log = load_log(arm_log(tmp_path, seconds=8.0))
-    d = diagnose_log(tmp_path / "arm.xml", replace(log, kp=0.85 * log.kp, kd=0.85 * log.kd))
+    log = load_log(healthy_arm)
+    d = diagnose_log(healthy_arm / "arm.xml", replace(log, kp=0.85 * log.kp, kd=0.85 * log.kd))
     assert d.causes == ()
     assert any(text.startswith("motor_strength of robot: up to some 20 %") for text in d.cannot_know)
     (note,) = (text for text in d.notes if text.startswith("all drives' torques are "))
     assert float(note.split()[4]) == pytest.approx(1.0 / 0.85, abs=0.03)
 
 
-def test_torques_of_all_drives_further_off_are_the_motors_strength(tmp_path: Path) -> None:
+def test_torques_of_all_drives_further_off_are_the_motors_strength(healthy_arm: Path) -> None:
     """The log says half the robot's gains: no masses of links are wrong by as much."""
-    log = load_log(arm_log(tmp_path, seconds=8.0))
-    d = diagnose_log(tmp_path / "arm.xml", replace(log, kp=0.5 * log.kp, kd=0.5 * log.kd))
+    log = load_log(healthy_arm)
+    d = diagnose_log(healthy_arm / "arm.xml", replace(log, kp=0.5 * log.kp, kd=0.5 * log.kd))
     assert [(c.name, c.where) for c in d.causes] == [("motor_strength", "robot")]
     assert d.causes[0].parameters["factor"].value == pytest.approx(2.0, abs=half(d.causes[0].parameters["factor"]))
 
@@ -193,9 +216,9 @@ def test_a_known_strength_of_all_motors_is_the_torque_scale() -> None:
     assert prior_of(parameters, [strength])[0, 0] > 1e7
 
 
-def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
+def test_a_delay_of_more_than_a_row_is_named(late_arm: tuple[Path, RobotDiagnosis, dict[str, Any]]) -> None:
     """Commands act 14 ms late; a row is 5 ms."""
-    d = _diagnosed(arm_log(tmp_path, seconds=8.0, late=0.014))
+    _, d, _ = late_arm
     assert [(c.name, c.where) for c in d.causes] == [("command_delay", "robot")]
     delay = d.causes[0].parameters["delay"]
     assert delay.value == pytest.approx(0.014, abs=half(delay) + BETWEEN)
@@ -203,10 +226,12 @@ def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
 
 
 def test_causes_with_which_parts_of_the_log_are_foretold_worse_are_not_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    late_arm: tuple[Path, RobotDiagnosis, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each of them may be clear, yet all together lead the replay astray."""
-    held_out, seen = robot_diagnosis.held_out, []
+    (folder, _, before), held_out, seen = late_arm, robot_diagnosis.held_out, []
+    for name, found in before.items():  # the diagnosis from there on
+        monkeypatch.setattr(robot_diagnosis, name, lambda *_, found=found: found)
 
     def worse(*args):  # noqa: ANN002, ANN202
         gain, errors = held_out(*args)
@@ -214,18 +239,18 @@ def test_causes_with_which_parts_of_the_log_are_foretold_worse_are_not_named(
         return ({**gain, "ci95": (-0.4, -0.1)} if len(seen) == 1 else gain), errors
 
     monkeypatch.setattr(robot_diagnosis, "held_out", worse)
-    d = _diagnosed(arm_log(tmp_path, seconds=8.0, late=0.014))
+    d = _diagnosed(folder)
     assert seen[0][0] > 0.5 and seen[1] == pytest.approx((0.0, 0.0), abs=1e-12)  # without it, the delay is right
     assert (d.verdict, d.causes) == ("none", ())
     assert "command_delay" in [s.name for s in d.suspects]
     assert not np.any(d.theta)
 
 
-def test_commands_that_act_before_their_row_were_stamped_late(tmp_path: Path) -> None:
+def test_commands_that_act_before_their_row_were_stamped_late(healthy_arm: Path) -> None:
     """Their column stands 3 rows of 5 ms further down than it was given: no delay, for no command acts before it is."""
-    log = load_log(arm_log(tmp_path, seconds=8.0))
+    log = load_log(healthy_arm)
     late = [replace(run, joint={**run.joint, "q_des": np.roll(run.joint["q_des"], 3, axis=0)}) for run in log.runs]
-    d = diagnose_log(tmp_path / "arm.xml", replace(log, runs=tuple(late)))
+    d = diagnose_log(healthy_arm / "arm.xml", replace(log, runs=tuple(late)))
     assert [(c.name, c.where) for c in d.causes] == [("clock_shift", "commands")]
     shift = d.causes[0].parameters["shift"]
     assert shift.value == pytest.approx(0.015, abs=half(shift) + BETWEEN)

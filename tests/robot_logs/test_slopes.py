@@ -12,7 +12,7 @@ from mrwarp.robot_logs import slopes
 from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import load_log
-from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
+from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, completed, slopes_of
 from mrwarp.robot_logs.window_replay import ParameterBatch
 from mrwarp.robot_logs.windows import cut_windows
 
@@ -80,3 +80,27 @@ def test_forms_are_those_of_all_readings_at_once(tmp_path: Path, monkeypatch: py
         np.testing.assert_allclose(a[w], j @ free @ j.T, rtol=1e-6, atol=1e-6 * np.abs(a[w]).max())
         np.testing.assert_allclose(b[w], j @ free @ r, rtol=1e-6, atol=1e-6 * np.abs(b[w]).max())
         assert c[w] == pytest.approx(r @ free @ r, rel=1e-6)
+
+
+def test_windows_that_are_known_are_not_replayed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their derivatives come with those of the rest, in the log's order; with all of them known nothing is replayed."""
+    log = load_log(_log(tmp_path / "log", tied=False))
+    model = replay_model(tmp_path / "log" / "robot.xml", log)
+    parameters, (windows, *_) = parameters_of(model, log), cut_windows(model, log)
+    theta, asked = np.array([0.01 * p.fault for p in parameters]), []
+    taken = slopes.slopes_of
+
+    def noted(model, windows, *args) -> Slopes:  # noqa: ANN001, ANN002
+        asked.append(windows.start.tolist())
+        return taken(model, windows, *args)
+
+    monkeypatch.setattr(slopes, "slopes_of", noted)
+    some = taken(model, windows.some(np.array([1])), parameters, theta, lambda _: None)
+    whole = taken(model, windows, parameters, theta, lambda _: None)
+    found = completed([some], model, windows, parameters, theta, lambda _: None)
+    assert windows.count > 1 and asked == [np.delete(windows.start, 1).tolist()]
+    for name in ("j", "z", "base"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+    assert found.windows.h == whole.windows.h and found.windows.count == windows.count
+    completed([whole], model, windows, parameters, theta, lambda _: None)
+    assert len(asked) == 1
