@@ -95,7 +95,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     causes = causes_of(selection, model)
     unexplained = unexplained_of(problem, selection, found.line, found.rejected) or _repeatable(found)
     if unexplained is not None:
-        formula = find_formula(traces, unexplained, problem.units)
+        formula = find_formula(traces, unexplained, problem.units, problem.settings.rest.formula)
         unexplained = replace(unexplained, formula=formula)
     verdict = VERDICTS[bool(causes), unexplained is not None]
     detectable, invisible = _detectable(found)

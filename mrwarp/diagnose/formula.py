@@ -20,16 +20,17 @@ _LEAST = 20
 """Fewest samples of a cell that counts."""
 _TERMS = 4
 """Most terms of a formula."""
-_EXPLAINED = 0.6
-"""Part of the variance of the cell means, beyond noise, that a formula must explain to be reported."""
 _WAVES = np.arange(0.5, 12.1, 0.25)
 """Waves along a variable: angular frequencies per half of its range."""
 _SYMBOLS = {"q": "q", "qd": "qd", "qdd": "qdd", "current": "I", "time": "t"}
 """Variables that have a place in a formula."""
 
 
-def find_formula(traces: Traces, unexplained: Unexplained, units: Mapping[str, str]) -> str | None:
-    """A formula, with units, for what an extended model leaves; None along memory or frequency, or where none fits."""
+def find_formula(traces: Traces, unexplained: Unexplained, units: Mapping[str, str], least: float) -> str | None:
+    """A formula, with units, for what an extended model leaves; None along memory or frequency, or where none fits.
+
+    It has to explain the part ``least`` of the cell means' variance beyond noise.
+    """
     names = [v for v in unexplained.depends_on if v in _SYMBOLS][:3]
     if not names or "frequency" in unexplained.depends_on:
         return None
@@ -45,7 +46,7 @@ def find_formula(traces: Traces, unexplained: Unexplained, units: Mapping[str, s
     library = _library(cells)
     chosen, explained = _selected(library, mean, weight)
     noise = traces.noise_rms**2 * len(mean) / float(weight.sum())
-    if explained * square < _EXPLAINED * max(square - noise, 1e-300):
+    if explained * square < least * max(square - noise, 1e-300):
         return None
     text = " ".join(f"{factor:+.3g}·{term}" for term, factor in chosen.items())
     constant = -sum(factor * float(np.average(library[term], weights=weight)) for term, factor in chosen.items())

@@ -30,7 +30,7 @@ def found(left: np.ndarray, along: tuple[str, ...] = ("q", "qd"), noise: float =
         regime=zero,
         noise_rms=noise,
     )
-    return find_formula(traces, Unexplained(depends_on=along, form="product", share=0.5), UNITS)
+    return find_formula(traces, Unexplained(depends_on=along, form="product", share=0.5), UNITS, 0.6)
 
 
 def value(text: str) -> np.ndarray:

@@ -113,6 +113,8 @@ class Rest(Checked):
     with_law: float = setting(2 / 3, 0.0, 1.0, fewer="missed repeats", more="noises counted as repeats")
     """Ratio of squares, next to a law of another shape, below which what differs where a motion comes again is clearly
     less than what boosting leaves: much of that is the law's own rest."""
+    formula: float = setting(0.6, 0.0, 1.0, fewer="formulas that say little", more="structures without a formula")
+    """Part of the variance of cell means, beyond noise, that a formula must explain to be reported."""
     line_chance: float = setting(1e-5, 0.0, 1.0, fewer="missed lines", more="false lines", by="exponential law")
     """Chance of a false line of the spectrum in a data set without any."""
     line_periods: int = setting(6, 1, 1000, fewer="drifts taken for lines", more="missed slow lines")
