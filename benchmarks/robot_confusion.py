@@ -28,9 +28,9 @@ from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.unknowable import MOTIONS
+from mrwarp.robot_logs.virtual.described_robot import describe
 from mrwarp.robot_logs.virtual.hidden_effects import Places, parse_all
 from mrwarp.robot_logs.virtual.record_log import FallError, LogCfg, record
-from mrwarp.robot_logs.virtual.true_robot import describe
 from mrwarp.run_dir import write_result
 from mrwarp.runtime import check_device, quiet_libraries, text_table
 

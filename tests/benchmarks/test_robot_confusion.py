@@ -1,8 +1,8 @@
 """The confusion of robot logs: what is hidden, and how a verdict is judged."""
 
 from benchmarks.robot_confusion import OUTSIDE, SIZES, hidden_of, judged, table
+from mrwarp.robot_logs.virtual.described_robot import describe
 from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, parse_all
-from mrwarp.robot_logs.virtual.true_robot import describe
 
 PLACES = describe("mr_go").places
 

@@ -13,11 +13,11 @@ from mrwarp.env.natural_units import Scales
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.virtual.described_robot import describe
 from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, Places, parse_all, parse_hidden
 from mrwarp.robot_logs.virtual.log_sensors import Clean, sense
 from mrwarp.robot_logs.virtual.motions import Walk, make_motion
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
-from mrwarp.robot_logs.virtual.true_robot import describe
 from tests.robot_logs.arm_log import ARM, JOINTS
 
 PLACES = Places(

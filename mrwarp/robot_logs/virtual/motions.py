@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from mrwarp.env.observations import QD_SCALE
 from mrwarp.params import MrParams
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.robot_logs.virtual.true_robot import Command, Description
+from mrwarp.robot_logs.virtual.described_robot import Description
+from mrwarp.robot_logs.virtual.true_robot import Command
 from mrwarp.usd.robot import STAND_HEIGHT
 
 AIR = ("chirp", "slow", "steps")

@@ -14,10 +14,11 @@ import numpy as np
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.robot_logs.forms.save_log import Kind, save_log
 from mrwarp.robot_logs.robot_log import BASE_CHANNELS, JOINT_CHANNELS, LogRun, TauIs, make_log
+from mrwarp.robot_logs.virtual.described_robot import STEP, Description, describe
 from mrwarp.robot_logs.virtual.hidden_effects import Hidden, parse_all
 from mrwarp.robot_logs.virtual.log_sensors import Clean, sense
 from mrwarp.robot_logs.virtual.motions import AIR, WITH_DEVICES, Drives, Readings, make_motion
-from mrwarp.robot_logs.virtual.true_robot import STEP, Description, TrueRobot, describe
+from mrwarp.robot_logs.virtual.true_robot import TrueRobot
 from mrwarp.run_dir import write_text
 
 TRUTH_FILE = "truth.json"
