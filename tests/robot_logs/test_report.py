@@ -1,23 +1,38 @@
-"""Page, pictures and rerun view of a robot's verdict, made once from an arm's log with a heavier lower arm."""
+"""Verdict, page, pictures and rerun view, made once from an arm's log with a heavier lower arm."""
 
+import contextlib
+import io
 import json
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
 from mrwarp.cli import main
-from mrwarp.robot_logs import robot_diagnosis
+from mrwarp.robot_logs import robot_diagnosis, robot_proof
 from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.sysid.settings import Settings
 from tests.robot_logs.arm_log import arm_log
 
 
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """What the command gave."""
+
+    folder: Path
+    printed: str
+    corrections: list[np.ndarray]
+    """Parameters by which windows were replayed for errors, each (W, P)."""
+
+
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the command's output."""
-    folder = tmp_path_factory.mktemp("report")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    """The command's output."""
+    folder, corrections, losses = tmp_path_factory.mktemp("report"), [], robot_proof.losses
 
     def heavier(model) -> None:  # noqa: ANN001
         body = model.body("lower").id
@@ -26,14 +41,44 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     log = arm_log(folder / "log", change=heavier)
     out = folder / "out"
-    assert main(["diagnose", str(log), "--out", str(out), "--rrd", str(folder / "view.rrd")]) == 0
-    return folder
+    words = ["diagnose", str(log), "--out", str(out), "--rrd", str(folder / "view.rrd")]
+    with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stdout(io.StringIO()) as printed:
+        patched.setattr(robot_proof, "losses", lambda *args: corrections.append(args[-1]) or losses(*args))
+        assert main(words) == 0
+    return Written(folder=folder, printed=printed.getvalue(), corrections=corrections)
 
 
-def test_the_page_says_first_what_is_wrong_and_where(written: Path) -> None:
+def test_the_command_writes_a_verdict_with_the_place_of_a_cause(written: Written) -> None:
+    """A lower arm of 150 g more than described; keys as of a joint's verdict; errors of parts that took no part.
+
+    Its mass is as well known as all drives' torques are relative to all masses, which a robot that is held does not
+    show.
+    """
+    result = json.loads((written.folder / "out" / "result.json").read_text())
+    assert result["sentence"] in written.printed
+    keys = {"verdict", "sentence", "causes", "suspects", "unexplained", "cannot_know", "baseline", "extended", "gain"}
+    assert keys <= set(result)
+    assert set(result["per_channel"]) == {"q", "qd"}
+    parts = np.unique(written.corrections[-1], axis=0)
+    assert len(parts) == Settings().robot.parts  # each one is from the others
+    assert result["per_channel"]["q"]["extended"] < 0.2 * result["per_channel"]["q"]["baseline"]
+    assert result["next_experiment"]["what"] in "".join(result["cannot_know"])
+    assert result["verdict"] == "named"
+    cause = result["causes"][0]
+    assert (cause["name"], cause["where"]) == ("link_mass", "lower")
+    mass = cause["parameters"]["mass"]
+    low, high = mass["ci95"]
+    assert low < 0.15 < high < low + 0.2 * 0.15  # all drives' torques and all masses are relative to each other
+    assert result["sentence"] == f"lower: {mass['value']:.3g} kg heavier."
+    robot = mujoco.MjModel.from_xml_path(str(written.folder / "out" / "robot.xml"))
+    # the file holds six digits
+    assert robot.body("lower").mass[0] == pytest.approx(0.5 + cause["parameters"]["mass"]["value"], rel=1e-5)
+
+
+def test_the_page_says_first_what_is_wrong_and_where(written: Written) -> None:
     """Sentence, number with interval and the map come before anything else; nothing is loaded from elsewhere."""
-    page = (written / "out" / "report.html").read_text()
-    result = json.loads((written / "out" / "result.json").read_text())
+    page = (written.folder / "out" / "report.html").read_text()
+    result = json.loads((written.folder / "out" / "result.json").read_text())
     cause = result["causes"][0]
     said = result["sentence"].partition(";")[0].rstrip(".")
     assert said.startswith(f"{cause['where']}: ") and said.endswith(" kg heavier")
@@ -45,15 +90,16 @@ def test_the_page_says_first_what_is_wrong_and_where(written: Path) -> None:
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
 
 
-def test_the_pictures_are_files_too(written: Path) -> None:
+def test_the_pictures_are_files_too(written: Written) -> None:
     """Where, errors and a trace, as PNG."""
     for name in ("where", "errors", "trace"):
-        assert (written / "out" / "pictures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (written.folder / "out" / "pictures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_both_robots_stand_side_by_side_in_rerun(written: Path) -> None:
+def test_both_robots_stand_side_by_side_in_rerun(written: Written) -> None:
     """Poses of both over time, the link in question in its colour on both, the mismatch of each joint."""
-    chunks = [(c.entity_path, c.is_static, c.to_record_batch()) for c in RrdReader(written / "view.rrd").stream()]
+    stream = RrdReader(written.folder / "view.rrd").stream()
+    chunks = [(c.entity_path, c.is_static, c.to_record_batch()) for c in stream]
     rows = {path: sum(t.num_rows for p, still, t in chunks if p == path and not still) for path, _, _ in chunks}
     moving = [f"/{robot}/{body}" for robot in ("logged", "simulated") for body in ("upper", "lower")]
     assert min(rows[path] for path in (*moving, "/mismatch/shoulder", "/mismatch/elbow")) > 100
