@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+from pyarrow import csv, parquet
 
 from mrwarp import cli
 from mrwarp.recording.load import (
@@ -179,7 +180,7 @@ def test_paper_sized_recording_loads_in_seconds(tmp_path: Path):
 
     run = Trajectory(id="long", **columns(200_000))
     save_recording(Recording(trajectories=(run,)), tmp_path / "long.parquet")
-    save_recording(Recording(trajectories=(run,)), tmp_path / "long.csv")
+    csv.write_csv(parquet.read_table(tmp_path / "long.parquet"), tmp_path / "long.csv")  # faster than rows by Python
     for name in ("long.parquet", "long.csv"):
         started = time.process_time()
         assert load_recording(tmp_path / name).samples == 200_000
