@@ -14,9 +14,9 @@ import numpy as np
 
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, completed
-from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances, side_by_side
-from mrwarp.robot_logs.windows import Windows
+from mrwarp.robot_logs.slopes import Slopes, best_start, completed
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
+from mrwarp.robot_logs.windows import Windows, mismatch, side_by_side
 from mrwarp.sysid.least_squares import Rules, minimise
 from mrwarp.sysid.pieces import Pieces, Quadratic, about_origin
 from mrwarp.sysid.settings import Settings
@@ -174,7 +174,7 @@ def replayed(
         sigma = slopes.scale(likelihood.sigma)
         for w, r in zip(own, left, strict=True):
             r, z = r / sigma, slopes.z[w] / sigma
-            solved = _best_start(z, r)
+            solved = best_start(z, r)
             clean = (r - solved @ z) / sigma
             score.append(slopes.j[w] @ clean.astype(np.float32))
             total.append(r @ r - (z @ r) @ solved)
@@ -220,7 +220,7 @@ def losses(
                 totals.append(np.inf)
                 continue
             z = slopes.z[w] / sigma
-            totals.append(r @ r - (z @ r) @ _best_start(z, r))
+            totals.append(r @ r - (z @ r) @ best_start(z, r))
     return np.array(totals), {name: np.concatenate(x) for name, x in squares.items()}
 
 
@@ -258,7 +258,7 @@ def left_by_each(
             z, r = slopes.z[w] / sigma, left[k :: len(own)]
             whole = np.asarray(np.isfinite(r).all(axis=1))
             r = np.where(whole[:, None], r, 0.0)
-            start = _best_start(z, r.T)
+            start = best_start(z, r.T)
             loss = (r**2).sum(axis=1) - ((r @ z.T) * start.T).sum(axis=1)
             found += every * weight[k] * np.where(whole, loss, np.inf)
     return found / likelihood.scale
@@ -410,16 +410,8 @@ def _left(slopes: Slopes, rows: np.ndarray, keep: np.ndarray, sigma: dict, chang
     scale, found = slopes.scale(sigma), []
     for w in np.flatnonzero(keep).tolist():
         rest, z = (rows[w] - change @ slopes.j[w]) / scale, slopes.z[w] / scale
-        found.append(scale * (rest - _best_start(z, rest) @ z))
+        found.append(scale * (rest - best_start(z, rest) @ z))
     return np.array(found).reshape(-1, rows.shape[1])
-
-
-def _best_start(z: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Likeliest start of a window, in steps, shape (Z,), by its derivatives (Z, N) and what is left in it (N,).
-
-    Of what H robots leave in it, shape (N, H), the starts are the columns.
-    """
-    return np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)
 
 
 def _weighed(

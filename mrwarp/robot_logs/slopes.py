@@ -10,8 +10,8 @@ import numpy as np
 
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances, side_by_side
-from mrwarp.robot_logs.windows import Windows
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
+from mrwarp.robot_logs.windows import Windows, mismatch, side_by_side
 
 START_SPREAD = 1.0
 """Standard deviation of a window's start, in the steps of :func:`mrwarp.robot_logs.window_replay.nuisances`."""
@@ -262,3 +262,11 @@ def _wandering(windows: Windows) -> np.ndarray:
             drift[name][..., column] = sizes[name]
         rows.append(side_by_side(drift))
     return np.stack(rows)
+
+
+def best_start(z: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Likeliest start of a window, in steps, shape (Z,), by its derivatives (Z, N) and what is left in it (N,).
+
+    Of what H robots leave in it, shape (N, H), the starts are the columns.
+    """
+    return np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)

@@ -19,8 +19,8 @@ from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.selection import Hypothesis
 from mrwarp.robot_logs.slopes import DERIVATIVE_STEP, START_SPREAD
-from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances
-from mrwarp.robot_logs.windows import Windows
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
+from mrwarp.robot_logs.windows import Windows, mismatch
 from mrwarp.sysid.settings import Robot
 
 STEP = 0.02

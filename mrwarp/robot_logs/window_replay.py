@@ -19,7 +19,7 @@ from mrwarp.robot_logs.causes.places import PLACES
 from mrwarp.robot_logs.causes.robot_causes import ACTING
 from mrwarp.robot_logs.replay_engine import ReplayEngine
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
-from mrwarp.robot_logs.windows import Windows, product, quaternion, turn_between, turned
+from mrwarp.robot_logs.windows import Windows, mismatch, product, quaternion, side_by_side, turned
 from mrwarp.runtime import core_count
 
 CHUNK, WORKERS = 400, 2
@@ -171,8 +171,7 @@ class _Stepper:
         def field(name: str, columns: int = joints) -> np.ndarray:
             return changes.get(name, columns, rows)
 
-        ids = np.arange(count)
-        kp, kd, drives = 1.0 + field("kp"), 1.0 + field("kd"), engine.drives
+        ids, kp, kd = np.arange(count), 1.0 + field("kp"), 1.0 + field("kd")
         strength, latency = 1.0 + field("strength") + field("scale", 1), field("latency", 1)
         damping = np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0)
         self._set("dof_damping", ids, m.v_adr, damping)
@@ -194,9 +193,8 @@ class _Stepper:
         replayed = Replayed(
             robot=m, model=lambda name: engine.of_model(name)[:count], state=lambda name: engine.state(name)[:count]
         )
-        for cause in ACTING:
-            assert cause.acts is not None
-            cause.acts(replayed, field(cause.field, PLACES[cause.place].columns(m)))
+        for cause, acts in ACTING:
+            acts(replayed, field(cause.field, PLACES[cause.place].columns(m)))
         lag, coil_lag = np.maximum(field("lag"), 0.0), m.devices.of_joints("coil_time_constant", joints)
         engine.window[:count] = w
         # commands reach no further than those that were cut out around the window
@@ -215,7 +213,7 @@ class _Stepper:
             "drag": field("drag"),
             "lag": np.maximum(coil_lag + field("coil_lag"), 0.0),
         }.items():
-            drives[name][:count] = values
+            engine.drives[name][:count] = values
         self._begin(w, start[rows], field, ids)
         with np.errstate(all="ignore"):
             pos, vel, torque = engine.run(count)
@@ -450,16 +448,3 @@ def _lagged(x: np.ndarray, steps: np.ndarray) -> np.ndarray:
     for k in range(1, x.shape[1]):
         late[:, k] += left * (late[:, k - 1] - x[:, k])
     return np.where(steps[:, None] < 0.0, 2.0 * x - late, late)
-
-
-def mismatch(measured: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Measured minus predicted by channel, shape (E, S, C); orientations as rotation vectors."""
-    return {
-        name: turn_between(predicted[name], values) if name == "quat" else values - predicted[name]
-        for name, values in measured.items()
-    }
-
-
-def side_by_side(x: dict[str, np.ndarray]) -> np.ndarray:
-    """All channels of each of E windows in one row, (E, N)."""
-    return np.concatenate([values.reshape(len(values), -1) for values in x.values()], axis=1)

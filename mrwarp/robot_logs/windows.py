@@ -401,3 +401,16 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
             aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw,
         ], axis=-1,
     )  # fmt: skip
+
+
+def mismatch(measured: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Measured minus predicted by channel, shape (E, S, C); orientations as rotation vectors."""
+    return {
+        name: turn_between(predicted[name], values) if name == "quat" else values - predicted[name]
+        for name, values in measured.items()
+    }
+
+
+def side_by_side(x: dict[str, np.ndarray]) -> np.ndarray:
+    """All channels of each of E windows in one row, (E, N)."""
+    return np.concatenate([values.reshape(len(values), -1) for values in x.values()], axis=1)

@@ -39,7 +39,7 @@ DRIVE = tuple(name for name, cause in CATALOGUE.items() if cause.drive)
 named."""
 
 
-ACTING = tuple(cause for cause in DECLARED if cause.acts is not None)
+ACTING = tuple((cause, cause.acts) for cause in DECLARED if cause.acts is not None)
 """Causes that say themselves what they do to a replayed robot."""
 
 

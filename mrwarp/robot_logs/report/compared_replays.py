@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
-from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, mismatch, nuisances
-from mrwarp.robot_logs.windows import Windows
+from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
+from mrwarp.robot_logs.windows import Windows, mismatch
 
 UNITS = {
     "q": "rad", "qd": "rad/s", "tau": "N·m", "quat": "rad", "gyro": "rad/s", "acc": "m/s²", "pos": "m", "vel": "m/s",
