@@ -21,7 +21,7 @@ from tests.robot_logs.arm_log import arm_log
 
 @dataclass(frozen=True, kw_only=True)
 class Written:
-    """What the command gave."""
+    """Output of the command."""
 
     folder: Path
     printed: str
