@@ -126,7 +126,7 @@ def readable(
     ``largest`` holds the :func:`largest_of` a table, whose numbers of one unit then share a readable one.
     """
     low, high = value.ci95
-    plain = f"{value.value:.6g} {'' if value.unit == '1' else value.unit}".strip()
+    plain = f"{value.value:.4g} {'' if value.unit == '1' else value.unit}".strip()
     if is_gain(parameter) and value.unit == "1":
         return Readable(_signed(value.value), f"{_signed(low)} to {_signed(high)}" if low < high else "", plain)
     factor, name = shared_scale(value.value, value.unit, largest)

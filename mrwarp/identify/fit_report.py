@@ -112,15 +112,23 @@ def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str,
     return fitted
 
 
+_UNIT_OF = {"loading": "beta", "unloading": "beta", "saturation": "D", "initial": "K0", "bias": "D"}
+"""Parameter with the unit of a combination, by the combination's first word."""
+
+
 def lines(result: FitResult, extended: ExtendedFit | None = None) -> list[str]:
     """Parameters, combinations, errors per current and warnings as text."""
 
     def estimates(title: str, found: Mapping[str, Estimate]) -> list[str]:
-        rows = [(name, f"{e.value:.6g}", _interval(e)) for name, e in found.items()]
+        rows = [(name, f"{e.value:.4g}", _interval(e)) for name, e in found.items()]
         return ["", *text_table((f"{title:44s}", "value", "95 % interval"), rows)]
 
     named = {f"{name} [{parameter_unit(name, result.units)}]": e for name, e in result.estimates.items()}
-    found = estimates("parameter", named | result.combinations)
+    control = f" {result.units['current']}".removesuffix(" 1").removesuffix(" none")
+    for name, e in result.combinations.items():
+        at = control if name.rpartition(" ")[0].endswith(" at") else ""
+        named[f"{name}{at} [{parameter_unit(_UNIT_OF[name.partition(' ')[0]], result.units)}]"] = e
+    found = estimates("parameter", named)
     for effect in result.effects:
         found += ["", *textwrap.wrap(str(effect), 118, subsequent_indent="    ")]
     errors = [{**result.rmse_per_current, "all": result.rmse}]
@@ -155,4 +163,4 @@ def _entries(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
 
 
 def _interval(e: Estimate) -> str:
-    return f"{e.ci95[0]:.6g} to {e.ci95[1]:.6g}" if e.ci95 else "none: not determined, or held at the edge of its range"
+    return f"{e.ci95[0]:.4g} to {e.ci95[1]:.4g}" if e.ci95 else "none: not determined, or held at the edge of its range"

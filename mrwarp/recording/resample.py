@@ -74,11 +74,11 @@ class Piece:
         rate = 1.0 / float(np.mean(np.diff(self.columns["t"])))
         found = [f"{self.repeated} repeated rows left out"] if self.repeated else []
         if self.rounded:
-            found.append(f"time stamps rounded to {self.rounded:.3g} s spread evenly at {rate:.5g} Hz")
+            found.append(f"time stamps rounded to {self.rounded:.3g} s spread evenly at {rate:.4g} Hz")
         if self.moved:
             places = ", ".join(f"{t:.4g}" for t in self.at[:3]) + (", ..." if len(self.at) > 3 else "")
             filled = f", {self.filled} lost samples filled in" if self.filled else ""
-            found.append(f"{self.moved} uneven intervals resampled at {rate:.5g} Hz{filled} (at {places} s)")
+            found.append(f"{self.moved} uneven intervals resampled at {rate:.4g} Hz{filled} (at {places} s)")
         return "; ".join(found)
 
 

@@ -121,11 +121,11 @@ def table(rows: Sequence[TrialRow], means: Sequence[dict[str, Any]], names: Sequ
     cells = []
     for row in rows:
         found = [row["figures"].get(name) for name in names]
-        cells.append([row["name"], row["state"], *("-" if value is None else f"{value:.5g}" for value in found)])
+        cells.append([row["name"], row["state"], *("-" if value is None else f"{value:.4g}" for value in found)])
     for mean in means:
         found = list(mean["figures"].values())
         if found and found[0]["n"] > 1:
-            texts = [f"{cell['mean']:.5g} ± {cell['sd']:.2g}" for cell in found]
+            texts = [f"{cell['mean']:.4g} ± {cell['sd']:.2g}" for cell in found]
             cells.append([mean["condition"], f"n = {found[0]['n']}", *texts])
     return text_table(["trial", "state", *names], cells, left=2)
 

@@ -183,7 +183,7 @@ def _row(prim: Usd.Prim, params: MrParams, name: str, held: PrimModel) -> tuple[
         source = f"this file; {held.changed[name]:.10g} when the model was applied"
     elif held.applied and name in held.applied.parameters:
         ci95 = held.applied.parameters[name].ci95
-        source = f"model; 95 % interval {ci95[0]:.6g} to {ci95[1]:.6g}" if ci95 else "model; no interval"
+        source = f"model; 95 % interval {ci95[0]:.4g} to {ci95[1]:.4g}" if ci95 else "model; no interval"
     number = f"{mark} {value:<15.10g}"
     return f"{name:19s}", number, f"{spec.unit:12s}", f"default {spec.default:<15.10g}", f"{where:24s}", source
 

@@ -31,7 +31,7 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
         rows.append((name, shown.value, shown.interval))
     for shift in d.parameter_shift:
         low, high = shift.ci95
-        rows.append((f"{shift.name} (calibration)", f"{shift.value:.5g}", f"{low:.5g} to {high:.5g}"))
+        rows.append((f"{shift.name} (calibration)", f"{shift.value:.4g}", f"{low:.4g} to {high:.4g}"))
     if rows:
         found += ["", *text_table(("", "value", "95 % interval"), rows)]
     for cause in d.causes:
