@@ -18,6 +18,7 @@ def f32(values: Any) -> np.ndarray:
     return np.asarray(values, dtype=np.float32)
 
 
+EPS = float(np.finfo(np.float32).eps)
 DT = 0.005
 LEGS = [0, 0, 0, 1, 1, 1]
 CALVES = (2, 5)

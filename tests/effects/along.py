@@ -144,6 +144,16 @@ def loop(way: np.ndarray, beta: float, gamma: float, z: float = 0.0) -> np.ndarr
     return out
 
 
+def turning(shaft: Shaft, gain: float, beta: float, gamma: float) -> float:
+    """Torque by which two ways through a reversal between samples differ at most, a cubic's and a chord's [N·m].
+
+    A chord leaves out a way of 0.5*qdd*(dt/2)^2 to the reversal and back. Over it the slopes of eq. 15, loading and
+    unloading, differ by at most 2*beta/(beta + gamma). Twice, for what is left of the reversals before.
+    """
+    left_out = 0.5 * float(np.abs(shaft.qdd).max()) * (0.5 * shaft.dt) ** 2
+    return 2.0 * gain * 2.0 * beta / (beta + gamma) * left_out
+
+
 def dry(qd: np.ndarray, speed: float, dt: float = 0.005) -> np.ndarray:
     """Direction of dry friction along samples: a stop operator over the way of 5 ms at ``speed``."""
     stroke, strain = 0.005 * speed, [float(np.tanh(qd[0] / speed))]

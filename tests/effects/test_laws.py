@@ -99,7 +99,7 @@ def test_remanence_is_a_play_on_the_current() -> None:
     command = np.concatenate([np.linspace(0.5, 1.5, 51), np.linspace(1.5, 0.1, 71), np.linspace(0.1, 0.8, 36)])
     found = field_of(command, {"remanence": {"half_width": width}})
     np.testing.assert_allclose(found, play(command, width, 0.5), rtol=0, atol=20 * EPS)
-    assert found[50] == pytest.approx(1.3) and found[121] == pytest.approx(0.3) and found[125] == pytest.approx(0.3)
+    np.testing.assert_allclose(found[[50, 121, 125]], [1.3, 0.3, 0.3], rtol=0, atol=20 * EPS)
     np.testing.assert_allclose(current_of(command, {"remanence": {"half_width": width}}), command, rtol=2 * EPS)
     # wider than every change: the field never moves
     np.testing.assert_allclose(field_of(command, {"remanence": {"half_width": 1.1}}), 0.5, rtol=20 * EPS)
@@ -325,7 +325,9 @@ def test_series_compliance_balances_spring_and_device(compliance: float) -> None
         wound -= way
         want[k] = ratio / compliance * z
     found = torque(shaft, base, effect)
-    np.testing.assert_allclose(found, want, rtol=0, atol=5e-5)
+    gain = float((base["K0"] + base["K1"] * shaft.current).max())
+    atol = along.turning(shaft, gain, base["beta"], base["gamma"]) + 40 * EPS * np.abs(want).max()
+    np.testing.assert_allclose(found, want, rtol=0, atol=atol)
     assert np.abs(found - torque(shaft, base)).max() > 0.005
 
 

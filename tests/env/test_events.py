@@ -20,8 +20,8 @@ NUM_ENVS = 64
 CALF = [JOINTS.index(name) for name in CALVES]
 PLAIN = [i for i in range(len(JOINTS)) if i not in CALF]
 
-FLOAT32 = 1e-6
-"""Relative error of a product of two or three float32 numbers, with margin."""
+FLOAT32 = 4.0 * float(np.finfo(np.float32).eps)
+"""Relative error of a product or sum of up to four float32 numbers: half a rounding of each, of each operation."""
 
 
 def make_env(cfg: RandomizeCfg | None, num_envs: int = NUM_ENVS, coupling: Coupling = Coupling.CONSTRAINT) -> WalkEnv:

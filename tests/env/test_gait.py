@@ -17,6 +17,10 @@ from mrwarp.usd.robot import DEFAULT_Q, LEGS, STAND_HEIGHT, TROT_PHASE
 
 STEP_HEIGHT = 0.06
 
+EPS = float(np.finfo(np.float32).eps)
+ARC_TOLERANCE = (np.pi + 3.0) * EPS * STEP_HEIGHT
+"""Half a rounding each of pi and of pi*s, up to pi; two of the sine, one of its product with the height [m]."""
+
 FK_TOLERANCE = 1e-6
 """Lengths of 0.4 m in float32 (2.4e-8 m) after some twenty roundings, with margin [m]."""
 
@@ -130,9 +134,9 @@ def test_swing_clearance_is_zero_in_stance_and_a_half_sine_in_swing(clock: torch
     assert bool((clearance[stance] == 0.0).all())
     swing = 2.0 * legs[~stance].double().numpy() - 1.0
     expected = STEP_HEIGHT * np.sin(np.pi * swing)
-    np.testing.assert_allclose(clearance[~stance].numpy(), expected, rtol=0.0, atol=3e-8)  # float32 of 0.06 and sin
+    np.testing.assert_allclose(clearance[~stance].numpy(), expected, rtol=0.0, atol=ARC_TOLERANCE)
     top = clearances(torch.tensor([[0.75]]))
-    assert float(top) == pytest.approx(STEP_HEIGHT, rel=1e-6)
+    assert float(top) == pytest.approx(STEP_HEIGHT, abs=ARC_TOLERANCE)
 
 
 @pytest.mark.parametrize("planar", [1, 0])

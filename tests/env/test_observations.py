@@ -19,8 +19,8 @@ SLICES = {
 }  # fmt: skip
 """Where each term stands in the actor's observation."""
 
-ROUNDING = 1e-6
-"""A few float32 roundings of numbers of order one."""
+ROUNDING = (2.0 * np.pi + 2.0) * float(np.finfo(np.float32).eps)
+"""Numbers of order one to two float32 roundings; the clock's angle, up to 2*pi, to half a one of pi and of itself."""
 
 
 def make_env(noise: NoiseCfg | None = None, num_envs: int = 6, steps: int = 12) -> WalkEnv:
