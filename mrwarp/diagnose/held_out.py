@@ -282,7 +282,7 @@ class Predictor:
 
 
 def predicted_errors(
-    predictor: Predictor, recording: Recording, *, averaged: float = 0.0, log: Progress = lambda text: None
+    predictor: Predictor, recording: Recording, *, averaged: float, log: Progress = lambda text: None
 ) -> dict[str, dict[str, dict[str, float]]]:
     """RMSE over standard deviation of another recording of a device, by reading of its motion, model and trajectory.
 

@@ -140,7 +140,7 @@ def undo_moving_average(recording: Recording, window: float, *, floor: float = 0
     return dataclasses.replace(recording, trajectories=tuple(runs))
 
 
-def prediction_errors(recording: Recording, simulated: Sequence[np.ndarray], window: float = 0.0) -> dict[str, float]:
+def prediction_errors(recording: Recording, simulated: Sequence[np.ndarray], window: float) -> dict[str, float]:
     """Root mean square error over standard deviation per trajectory.
 
     Where the measured torque passed a centred moving average of ``window`` [s], the simulated one passes the same, and

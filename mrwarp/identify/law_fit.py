@@ -182,7 +182,7 @@ def law_search(
     *,
     offsets: bool,
     limit: int,
-    effects: Sequence[str] = (),
+    effects: Sequence[str],
     threads: int = 1,
 ) -> Solution:
     """The best fit of one law, from starts on a part of the samples.

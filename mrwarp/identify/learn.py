@@ -218,7 +218,7 @@ def bouc_wen_torque(
 def physical_torque(
     recording: Recording,
     bouc_wen: Mapping[str, float],
-    physical: Model | None = None,
+    physical: Model | None,
     z_step: ZStep = ZStep.EXACT,
 ) -> list[np.ndarray]:
     """Torque of a joint along each trajectory [N·m]: with its law and effects if it has any, else tau_BW."""

@@ -224,7 +224,7 @@ def held_out_ratio(structure: Structure, point: Point, trajectories: int) -> flo
     return float(np.sqrt(losses.sum() / max(float(parts[:, -1, -1].sum()), 1e-300)))
 
 
-def search_starts(structure: Structure, replay: Replay, *, limit: int = _SUBSET, seed: int = 0) -> list[Point]:
+def search_starts(structure: Structure, replay: Replay, *, limit: int = _SUBSET, seed: int) -> list[Point]:
     """Optima on about ``limit`` samples, from the best starts of the structure's grid, best first."""
     small = replay.samples.subset(limit, seed)
     rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps), small.counts)

@@ -267,7 +267,7 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
     found, [rejection] = without_parts(models, selection, account)
     assert found.named == ["cogging"] and rejection.effect == "torque_sensor_lag"
     reason = "its 95 % interval contains zero"
-    monkeypatch.setattr(proof, "_interval_rejection", lambda effect, fit, *_: "" if len(fit.effects) > 1 else reason)
+    monkeypatch.setattr(proof, "interval", lambda fit, *at: interval(fit, *at) if len(fit.effects) > 1 else (-1.0, 1.0))
     found, rejections = without_parts(models, selection, account)
     assert not found.named and [rejection.effect for rejection in rejections] == ["torque_sensor_lag", "cogging"]
     assert rejections[1].reason == reason

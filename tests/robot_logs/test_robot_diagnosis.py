@@ -36,7 +36,7 @@ from mrwarp.robot_logs.selection import (
     sizes,
 )
 from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
-from mrwarp.robot_logs.virtual.true_robot import Command, TrueRobot
+from mrwarp.robot_logs.virtual.true_robot import TrueRobot
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import cut_windows, held_rows
 from mrwarp.sysid.settings import Robot, Settings
@@ -634,14 +634,13 @@ def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
 
 def test_a_device_remembers_how_it_turned_long_before_a_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Started again 30 ms before each window, that of a leg which moves little had a fifth of its hysteresis."""
-    true, own = [], TrueRobot._device_bound
+    true, own = [], TrueRobot.advance
 
-    def noted(robot: TrueRobot, command: Command, qd: np.ndarray) -> np.ndarray:
-        found = own(robot, command, qd)
+    def noted(robot: TrueRobot, seconds: float) -> None:
+        own(robot, seconds)
         true.append((robot.time, *robot.z))
-        return found
 
-    monkeypatch.setattr(TrueRobot, "_device_bound", noted)
+    monkeypatch.setattr(TrueRobot, "advance", noted)
     record(LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1), tmp_path)
     log = load_log(tmp_path)
     model = replay_model(Path("mr_go"), log)

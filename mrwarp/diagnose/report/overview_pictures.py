@@ -71,7 +71,7 @@ def draw(diagnosis: Diagnosis) -> tuple[dict[str, bytes], list[str]]:
                 figure = make(diagnosis)
                 if figure is not None:
                     titled(figure, TITLES[name])
-                    found[name] = _png(figure)
+                    found[name] = png(figure)
     return {name: found[name] for name in NAMES if name in found}, notes
 
 
@@ -221,8 +221,8 @@ def _dots(ax: Axes, rows: Sequence[tuple[str, float, float]], d: Diagnosis) -> N
     ax.set_ylim(-0.7, len(rows) - 0.3)
 
 
-def _png(figure: Figure) -> bytes:
-    """The figure as PNG with few colours' worth of bytes and no date in it."""
+def png(figure: Figure, dpi: float = DPI) -> bytes:
+    """A figure as PNG, without a date or a program's name in it."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
+    figure.savefig(data, format="png", dpi=dpi, metadata={"Software": None})
     return data.getvalue()

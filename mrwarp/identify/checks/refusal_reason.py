@@ -29,7 +29,7 @@ _SOFT = 0.05
 """Share of the usual speed over which dry friction turns its direction."""
 
 
-def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray | float = 1.0) -> float:
+def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray) -> float:
     """NRMSE by which a model is kept or refused, wherever one is written: single spikes do not count.
 
     Args:

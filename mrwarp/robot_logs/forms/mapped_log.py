@@ -148,7 +148,7 @@ class Source:
 
 
 def log_of(
-    path: Path, m: Mapping[str, Any], source: Source, recordings: Sequence[Columns], *, skip_bad: bool = False
+    path: Path, m: Mapping[str, Any], source: Source, recordings: Sequence[Columns], *, skip_bad: bool
 ) -> RobotLog:
     """Columns as a log, by a map.
 

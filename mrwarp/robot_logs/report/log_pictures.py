@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 from matplotlib.figure import Figure
 
+from mrwarp.diagnose.report.overview_pictures import png
+from mrwarp.diagnose.report.trace_pictures import AFTER, BEFORE, MEASURED
 from mrwarp.robot_logs.report.compared_replays import Compared, joint_windows
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.runtime import drawing
-
-BEFORE, AFTER, MEASURED = "#d55e00", "#0072b2", "#1c1f23"
-"""Colours of the description, the extended robot and the log; distinguishable for colour-blind readers."""
 
 CELLS, MOST_NAMES = 240, 6
 """Most columns of the map over time, and most recordings whose names find room over it."""
@@ -80,7 +77,7 @@ def _where(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     right.set(xlabel="RMS [mrad]")
     for axis in (left, right):
         axis.spines[["top", "right"]].set_visible(False)
-    return _png(figure, TITLES["where"])
+    return _titled_png(figure, TITLES["where"])
 
 
 def _errors(d: RobotDiagnosis) -> bytes:
@@ -104,7 +101,7 @@ def _errors(d: RobotDiagnosis) -> bytes:
     right.invert_yaxis()
     for axis in (left, right):
         axis.spines[["top", "right"]].set_visible(False)
-    return _png(figure, TITLES["errors"])
+    return _titled_png(figure, TITLES["errors"])
 
 
 def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
@@ -130,11 +127,9 @@ def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     top.legend(frameon=False, fontsize=8, ncols=3)
     for axis in (top, bottom):
         axis.spines[["top", "right"]].set_visible(False)
-    return _png(figure, TITLES["trace"])
+    return _titled_png(figure, TITLES["trace"])
 
 
-def _png(figure: Figure, title: str) -> bytes:
+def _titled_png(figure: Figure, title: str) -> bytes:
     figure.suptitle(title, x=0.01, ha="left", weight="bold", fontsize=11)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return stream.getvalue()
+    return png(figure, dpi=110)

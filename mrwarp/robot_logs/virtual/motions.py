@@ -22,22 +22,8 @@ from mrwarp.usd.robot import STAND_HEIGHT
 AIR = ("chirp", "slow", "steps")
 """Motions of a robot whose trunk is held; the others need the ground."""
 
-GROUND = ("walk", "stand", "squat", "lean")
-"""Motions on the ground."""
-
 WITH_DEVICES = ("walk", "stand")
 """Motions in which the devices have current: a brake that holds slow joints would keep a robot from squatting."""
-
-HELP = {
-    "walk": "under --policy, at speeds and turns that change every 4 s",
-    "stand": "in the neutral stance, still",
-    "squat": "down and up, at several rates",
-    "lean": "shift and tilt the trunk to all sides over feet that stand",
-    "chirp": "every joint swings, from slow to 3 Hz, each with its own phase",
-    "slow": "every joint turns to and fro through its range, slowly",
-    "steps": "the targets step at uneven times",
-}
-"""Description of each motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +166,7 @@ def make_motion(
     policy: OnnxPolicy | None,
     speeds: tuple[float, float] | None,
 ) -> Motion:
-    """A motion of :data:`HELP`."""
+    """A motion by its name."""
     if name == "walk":
         assert policy is not None
         return Walk(d, policy, rng, speeds)

@@ -10,9 +10,6 @@ from dataclasses import dataclass
 
 from mrwarp.sysid.settings.checked import Checked, setting
 
-LOGS = "benchmarks.robot_confusion"
-"""Virtual robots with known causes: docs/robot_log_rates.md."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Robot(Checked):
