@@ -196,6 +196,6 @@ def _unexplained(result: Mapping[str, Any]) -> str:
     ]
     if found:
         parts.append(f"structure along {', '.join(found['depends_on'])}: {found['form']}")
-    if result["suspects"]:
-        parts.append(f"suspected, not proven: {', '.join(row['name'] for row in result['suspects'])}")
+    if suspects := [row["name"] for row in result["suspects"] if row.get("possible", True)]:
+        parts.append(f"suspected, not proven: {', '.join(suspects)}")
     return "; ".join(parts)

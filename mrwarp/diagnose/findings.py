@@ -17,7 +17,7 @@ from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
-from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, without_effect
+from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size, without_effect
 from mrwarp.diagnose.residual_structure import LAG, Leftover, Line
 from mrwarp.diagnose.result import (
     REGIMES,
@@ -92,7 +92,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     measured, scale, held = problem.measured, problem.motion.scales.torque, found.held_out
     traces = _traces(found)
     model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
-    causes = causes_of(selection, model)
+    causes, suspects = causes_of(selection, model), suspects_of(found)
     unexplained = unexplained_of(problem, selection, found.line, found.rejected) or _repeatable(found)
     if unexplained is not None:
         formula = find_formula(traces, unexplained, problem.units, problem.settings.rest.formula)
@@ -120,7 +120,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         recording_faults=found.faults,
         law=found.law,
         causes=causes,
-        suspects=suspects_of(found),
+        suspects=suspects,
         parameter_shift=found.shifts,
         unexplained=unexplained,
         detectable=detectable,
@@ -130,7 +130,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         extended=extended,
         gain=gain,
         next_experiment=found.next_experiment,
-        tried=_tried(found, causes),
+        tried=_tried(found, causes, suspects),
         account=found.account,
         spikes=found.spikes,
         accounting=_accounting(found, unexplained is not None),
@@ -195,9 +195,15 @@ def suspects_of(found: Findings) -> tuple[Suspect, ...]:
     suspects = []
     for rejection in found.rejected:
         model = outer_model(found.problem, rejection.fit, found.recording, found.seed)
-        numbers = _numbers(next(e for e in model.effects if e.name == rejection.effect))
         suspects.append(
-            Suspect(name=rejection.effect, reason=rejection.reason, parameters=numbers, gain=rejection.gain)
+            Suspect(
+                name=rejection.effect,
+                reason=rejection.reason,
+                parameters=_numbers(next(e for e in model.effects if e.name == rejection.effect)),
+                gain=rejection.gain,
+                possible=rejection.reason
+                != impossible_size(rejection.effect, rejection.fit, found.problem.motion.ranges),
+            )
         )
     return tuple(suspects)
 
@@ -263,8 +269,9 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
     return visible, invisible
 
 
-def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
+def _tried(found: Findings, causes: tuple[Cause, ...], suspects: tuple[Suspect, ...]) -> tuple[Tried, ...]:
     """Every candidate and what came of it."""
+    possible = {s.name: s.possible for s in suspects}
     problem, selection, rejected = found.problem, found.selection, {x.effect: x.reason for x in found.rejected}
     named, rivals = {c.name for c in causes}, {a for c in causes for a in c.alternatives}
     base, rows = selection.base, []
@@ -274,7 +281,7 @@ def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
         if c.effect in named:
             outcome = "named"
         elif c.effect in rejected:
-            outcome = f"suspect: {rejected[c.effect]}"
+            outcome = f"{'suspect' if possible[c.effect] else 'rejected'}: {rejected[c.effect]}"
         elif c.effect in rivals:
             outcome = "alternative: these data cannot distinguish it from the cause named"
         elif gain < threshold(problem, base):

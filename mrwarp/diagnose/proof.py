@@ -19,6 +19,7 @@ from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
 from mrwarp.effects.catalogue import KNOWN
+from mrwarp.effects.law import Ranges
 from mrwarp.identify.parameters import YIELDING, row_column
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import by_ratio, two_sizes
@@ -272,7 +273,7 @@ def _interval_rejection(
 
 
 def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
-    """Why no device has an effect of such a size, or nothing."""
+    """Why an effect of such a size is not possible, or stands for something else, or nothing."""
     first, ranges, torque = fit.parameters.own(effect)[0], problem.motion.ranges, problem.motion.torque
     value = dict(fit.parameters.items())[first].value(fit.x[first])
     if problem.misfit and KNOWN[effect].rounds_corners and value < ranges.dt:
@@ -286,20 +287,30 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
         and value * ranges.torque < 0.5 * ranges.qd * ranges.dt
     ):
         return _HIDDEN_BY_PLAY
-    if KNOWN[effect].one_positive:
-        value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
-    if would_be_negative(effect, value):
-        return f"it would be negative: {KNOWN[effect].positive}"
-    for i, slot in fit.parameters.items():
-        size, most, beyond = slot.value(fit.x[i]), slot.parameter.most(ranges), slot.parameter.beyond
-        if slot.effect == effect and size > most:
-            times = f"{1e3 * size:.3g} ms are not possible: {beyond} (at most {1e3 * most:.0f} ms)"
-            return times if slot.parameter.unit == "s" else beyond
+    if impossible := impossible_size(effect, fit, ranges):
+        return impossible
     counts, bears = problem.weight > 0.0, fit.torque - without_effect(problem, fit, effect)
     if effect == "compliance_with_backlash" and np.mean([bears[part].any() for part in problem.motion.parts]) < 0.5:
         return "it would act in less than half of the runs, at the ends of the widest ways only"
     borne = float(bears[counts].std() / max(torque[counts].std(), 1e-12))
     return f"it would bear {borne:.2g} times the torque, which another term takes back" if borne > 1.0 else ""
+
+
+def impossible_size(effect: str, fit: Fit, ranges: Ranges) -> str:
+    """Why no device has an effect of such a sign or size, or nothing."""
+    own = {i: slot for i, slot in fit.parameters.items() if slot.effect == effect}
+    first = fit.parameters.own(effect)[0]
+    value = own[first].value(fit.x[first])
+    if KNOWN[effect].one_positive:
+        value = max(fit.x[i] for i, slot in own.items() if slot.linear)
+    if would_be_negative(effect, value):
+        return f"it would be negative: {KNOWN[effect].positive}"
+    for i, slot in own.items():
+        size, most, beyond = slot.value(fit.x[i]), slot.parameter.most(ranges), slot.parameter.beyond
+        if size > most:
+            times = f"{1e3 * size:.3g} ms are not possible: {beyond} (at most {1e3 * most:.0f} ms)"
+            return times if slot.parameter.unit == "s" else beyond
+    return ""
 
 
 def would_be_negative(effect: str, value: float) -> bool:

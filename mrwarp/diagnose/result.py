@@ -55,6 +55,8 @@ class Suspect:
     """Its numbers where it was found."""
     gain: float
     """Reduction of the squared mismatch where it was found [1]."""
+    possible: bool = True
+    """False: no device has it with this sign or size; a report shows it with what was tried only."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,11 +49,10 @@ _VARIABLES = {
 
 
 class Readable(NamedTuple):
-    """One number as text, its 95 % interval, and the plain number in the recording's unit; empty where not needed."""
+    """One number as text, and its 95 % interval; empty where there is none."""
 
     value: str
     interval: str
-    si: str
 
 
 def scale(size: float, unit: str) -> tuple[float, str]:
@@ -71,13 +70,13 @@ def rounded(value: float, figures: int) -> str:
     return f"{number:.0f}" if abs(number) >= 10.0 ** (figures - 1) else f"{value:.{figures}g}"
 
 
-def digits(value: float, half: float | None = None) -> str:
+def digits(value: float, half: float) -> str:
     """A number with the digits that its half interval leaves, two more than its first uncertain one; else four."""
     if not math.isfinite(value):
         return "unknown"
     if value == 0.0:
         return "0"
-    if half is None or not math.isfinite(half) or half <= 0.0:
+    if not math.isfinite(half) or half <= 0.0:
         return rounded(value, 4)
     places = 1 - math.floor(math.log10(half))
     if places > 6 or places < -6:
@@ -108,11 +107,11 @@ def largest_of(values: Iterable[Value]) -> dict[str, float]:
 def largest_in_report(d: Diagnosis) -> dict[str, float]:
     """Sizes that choose a report's units, one for each quantity; torques are in the unit of the pictures' axes."""
     numbers = [v for c in d.causes for v in c.parameters.values()]
-    numbers += [next(iter(x.parameters.values())) for x in d.suspects if x.parameters]
+    numbers += [next(iter(x.parameters.values())) for x in d.suspects if x.parameters and x.possible]
     return largest_of([*numbers, *d.parameter_shift, *d.detectable.values()]) | {d.recording.units["torque"]: 1.0}
 
 
-def shared_scale(value: float, unit: str, largest: Mapping[str, float] | None = None) -> tuple[float, str]:
+def shared_scale(value: float, unit: str, largest: Mapping[str, float] | None) -> tuple[float, str]:
     """Factor and readable unit of a number in a table with these :func:`largest_of` its unit."""
     top = (largest or {}).get(unit, abs(value))
     return scale(value if unit == "s" and top > _TIMES * abs(value) else top, unit)
@@ -121,19 +120,18 @@ def shared_scale(value: float, unit: str, largest: Mapping[str, float] | None = 
 def readable(
     value: Value, parameter: EffectParameter | None = None, largest: Mapping[str, float] | None = None
 ) -> Readable:
-    """A value, its interval and the same in the recording's unit; a gain is given as its change in per cent.
+    """A value and its interval; a gain is given as its change in per cent.
 
     ``largest`` holds the :func:`largest_of` a table, whose numbers of one unit then share a readable one.
     """
     low, high = value.ci95
-    plain = f"{value.value:.4g} {'' if value.unit == '1' else value.unit}".strip()
     if is_gain(parameter) and value.unit == "1":
-        return Readable(_signed(value.value), f"{_signed(low)} to {_signed(high)}" if low < high else "", plain)
+        return Readable(_signed(value.value), f"{_signed(low)} to {_signed(high)}" if low < high else "")
     factor, name = shared_scale(value.value, value.unit, largest)
     half = 0.5 * (high - low) * factor
     text = f"{digits(value.value * factor, half)} {name}".strip()
     interval = f"{digits(low * factor, half)} to {digits(high * factor, half)} {name}".strip() if low < high else ""
-    return Readable(text, interval, "" if factor == 1.0 else plain)
+    return Readable(text, interval)
 
 
 def is_gain(parameter: EffectParameter | None) -> bool:

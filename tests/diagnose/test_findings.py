@@ -1,14 +1,16 @@
 """Units: what the diagnosis writes for any device can be read again, and numbers scale as the device does."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.findings import outer_model, unexplained_of
+from mrwarp.diagnose.findings import outer_model, suspects_of, unexplained_of
 from mrwarp.diagnose.held_out import Predictor
 from mrwarp.diagnose.problem import fit_model
-from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection
+from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size
 from mrwarp.diagnose.residual_structure import LAG, leftovers
 from mrwarp.diagnose.search import Selection
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
@@ -128,3 +130,26 @@ def test_the_hidden_motion_of_a_shaft_is_no_structure(reason: str) -> None:
     lag = Rejection(effect="torque_sensor_lag", reason=reason, gain=0.1, fit=base)
     assert unexplained_of(problem, selection, None) is not None
     assert (unexplained_of(problem, selection, None, (lag,)) is None) == (reason == HIDDEN_MOTION)
+
+
+@pytest.mark.parametrize(
+    ("effect", "numbers", "possible"),
+    [
+        ("wear", {"rate": -0.02}, False),
+        ("wear", {"rate": 0.02}, True),
+        ("rotor_inertia", {"inertia": -0.004}, False),
+        ("torque_sensor_lag", {"time_constant": 0.05}, False),
+        ("torque_sensor_lag", {"time_constant": 0.004}, True),
+    ],
+)
+def test_a_suspect_says_whether_a_device_can_have_it(effect: str, numbers: dict[str, float], possible: bool) -> None:
+    """By its sign and its size; a proof that lacks only certainty leaves it possible."""
+    at = known.motion(5, runs=3, seconds=1.0)
+    problem = known.problem({effect: numbers}, at=at)
+    fit = known.fitted(problem, {effect: numbers})
+    reason = impossible_size(effect, fit, problem.motion.ranges) or "its 95 % interval contains zero"
+    rejection = Rejection(effect=effect, reason=reason, gain=0.1, fit=fit)
+    recording = known.recording(at, problem.motion.torque)
+    found = SimpleNamespace(problem=problem, rejected=(rejection,), recording=recording, seed=1)
+    [suspect] = suspects_of(cast(Any, found))
+    assert suspect.possible == possible and suspect.reason == reason

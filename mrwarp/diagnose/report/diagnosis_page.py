@@ -92,7 +92,7 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "extended": d.model is not None and bool(d.causes),
         "facts": _facts(d),
         "causes": [_cause(c, largest) for c in d.causes],
-        "suspects": [_suspect(x, largest) for x in d.suspects],
+        "suspects": [_suspect(x, largest) for x in d.suspects if x.possible],
         "separates": d.next_experiment is not None and bool(d.next_experiment.separates),
         "unexplained": d.unexplained,
         "experiment": _experiment(d.next_experiment) if d.next_experiment else None,

@@ -108,8 +108,8 @@ def _certainty(d: Diagnosis, largest: Mapping[str, float]) -> list[str]:
     if d.causes and d.gain is not None:
         low, high = (text.percent(x, 0) for x in d.gain.ci95)
         said.append(f"error falls by {low} to {high}")
-    if d.suspects:
-        said.append(f"suspected, not proven: {text.both(text.title(s.name) for s in d.suspects[:MOST_SHOWN])}")
+    if suspects := [text.title(s.name) for s in d.suspects if s.possible]:
+        said.append(f"suspected, not proven: {text.both(suspects[:MOST_SHOWN])}")
     return said or ["smaller effects than those listed may be there"]
 
 

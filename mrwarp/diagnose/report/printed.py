@@ -19,7 +19,8 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
     unsaid = [why for why in d.cannot_know if why not in d.sentence]
     found += [f"  note: {d.spikes.sentence}"] if d.spikes else []
     found += [f"  cannot be known: {why.removesuffix(advice)}" for why in unsaid]
-    found += [f"  suspect, not proven: {text.title(s.name)}: {s.reason}" for s in d.suspects]
+    for s in d.suspects:
+        found.append(f"  {'suspect, not proven' if s.possible else 'not possible'}: {text.title(s.name)}: {s.reason}")
     found = [true_names(line, d.recording.units) for line in found]
     numbers = {f"{cause.name}.{name}": value for cause in d.causes for name, value in cause.parameters.items()}
     if d.law is not None and d.dry_friction is not None:

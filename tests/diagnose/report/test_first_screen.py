@@ -15,7 +15,7 @@ from mrwarp.diagnose.report import overview_pictures as pictures
 from mrwarp.diagnose.report.diagnosis_page import render
 from mrwarp.diagnose.report.first_screen import MOST_WORDS, fitted
 from mrwarp.diagnose.report.printed import lines
-from mrwarp.diagnose.result import Cause, Suspect, Value
+from mrwarp.diagnose.result import Cause, Suspect, Tried, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.robot_logs.report import log_page, log_pictures
 from mrwarp.robot_logs.robot_verdict import NamedCause
@@ -70,6 +70,24 @@ def test_the_answers_are_those_of_the_verdict() -> None:
     assert "cannot carry a verdict" in answers(render(made_up.make(None), "c", pictures={}))["What is missing"]
 
 
+def test_what_no_device_has_is_not_suspected_at_first_sight() -> None:
+    """Wear that gives torque back stands with its reason where what was tried is listed; what may be there, above."""
+    rate = Value(value=-0.0067, ci95=(-0.008, -0.005), unit="1/s")
+    reason = "it would be negative: what wears loses torque"
+    wear = Suspect(name="wear", reason=reason, parameters={"rate": rate}, gain=0.2, possible=False)
+    lag = Suspect(name="coil_lag", reason="its 95 % interval contains zero", parameters={}, gain=0.1)
+    tried = Tried(name="wear", gain=0.2, error=0.01, values={}, outcome=f"rejected: {reason}")
+    for suspects, said in (((wear,), "smaller effects"), ((wear, lag), "suspected, not proven: Coil lag")):
+        d = made_up.make("none", suspects=suspects, tried=(tried,), detectable={}, next_experiment=None)
+        page = html.unescape(render(d, "c", pictures={}))
+        sure = answers(page)["How sure"]
+        assert "wear" not in sure.lower() and said.lower() in sure.lower()
+        assert page.count(reason) == 1 and "per minute" not in page and "Suspected, but not proven: Wear" not in page
+        assert ("<h2>Suspects</h2>" in page) == (lag in suspects)
+        printed = "\n".join(lines(d, {}))
+        assert f"not possible: wear: {reason}" in printed and "not proven: wear" not in printed
+
+
 def test_phrases_that_do_not_fit_are_left_out_whole() -> None:
     """The first stands always, cut if it must be; a later one only where it fits."""
     assert fitted(["a b", "c d e", "f"], 4) == "a b; f"
@@ -94,7 +112,7 @@ def test_every_picture_has_a_title(verdict: Any, monkeypatch: pytest.MonkeyPatch
         seen.append(heading.get_text())
         return b""
 
-    monkeypatch.setattr(pictures, "_png", titles)
+    monkeypatch.setattr(pictures, "png", titles)
     pictures.draw(made_up.make(verdict))
     assert sorted(seen) == sorted(pictures.TITLES.values())
     assert all(len(title.split()) >= 4 for title in [*pictures.TITLES.values(), *log_pictures.TITLES.values()])
