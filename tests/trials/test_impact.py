@@ -222,7 +222,8 @@ def test_trials_walk_in_once_for_several_sweeps(policy: OnnxPolicy) -> None:
             sweep.begin_with(walker)
         alone = walker.run()
         sweep.begin_with(walker)
-        np.testing.assert_allclose(sweep.run(again=True).height[0], alone.height[0], atol=1e-5)
+        # contacts make 1e-6 m of one rounding within a second; tenfold, for a processor that rounds otherwise
+        np.testing.assert_allclose(sweep.run(again=True).height[0], alone.height[0], rtol=0, atol=1e-5)
 
 
 def test_a_pad_softens_the_impact(policy: OnnxPolicy) -> None:
