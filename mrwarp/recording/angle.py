@@ -79,6 +79,8 @@ def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[n
     Returns:
         The angle, continued from its first sample; how often the reading began again; and the period (0: never).
     """
+    if len(t) < 3:
+        return q, 0, 0.0
     long = np.diff(t) / max(float(np.mean(np.diff(t))), 1e-300)
     steps = np.where(long > _GAP, 0.0, np.diff(q))
     long = np.clip(long, 1.0, _GAP)

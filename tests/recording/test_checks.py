@@ -152,6 +152,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", list(REFUSED))
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_malformed_recording_is_refused_once_and_nothing_is_written(
     tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]
 ):
