@@ -55,7 +55,7 @@ def without_wrong_readings(x: np.ndarray, periods: Sequence[float] = ()) -> tupl
 def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
     """Replace single wrong readings of the motion in the columns of a run; notes on them."""
     found = []
-    for key in run.keys() & {"q", "qd"}:
+    for key in (key for key in ("q", "qd") if key in run):
         run[key], at = without_wrong_readings(before := run[key], units.periods() if key == "q" else ())
         if len(at):
             far, where = float(np.abs(before - run[key]).max()), tuple(float(t) for t in run["t"][at[:10]])
