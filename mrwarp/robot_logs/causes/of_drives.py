@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from mrwarp.robot_logs.causes.cause import Cause, Replayed, Shown
@@ -25,47 +27,44 @@ def _usd_limit(edit: UsdEdit, j: int, x: float) -> None:
 STRENGTH = ("kp", "kp_base", "kp_low", "kd", "maxEffort", "tau_limit")
 """Numbers of a USD file's drive that a stronger motor multiplies."""
 
+_gain = functools.partial(
+    Cause,
+    place="joint",
+    step=0.05,
+    spread=0.02,
+    lowest=-0.95,
+    change="relative",
+    shared=True,
+    drive=True,
+    central=True,
+)
+"""A factor on a drive's torque or on a part of it."""
+
 CAUSES = (
-    Cause(
+    _gain(
         name="kp",
         title="kp",
         field="kp",
-        place="joint",
         there=lambda at: at.log.kp[at.index] > 0.0,
         number="gain",
         unit="N·m/rad",
-        step=0.05,
-        spread=0.02,
         least=0.04,
         fault=0.3,
         nominal=lambda at: at.log.kp[at.index],
-        lowest=-0.95,
-        change="relative",
-        shared=True,
-        drive=True,
-        central=True,
         shown=WALK,
         shown_by_arm=Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
         usd=lambda edit, j, x: edit.scale_drive(j, ("kp", "kp_base"), 1.0 + x),
     ),
-    Cause(
+    _gain(
         name="kd",
         title="kd",
         field="kd",
-        place="joint",
         there=lambda at: at.log.kd[at.index] > 0.0,
         number="gain",
         unit="N·m·s/rad",
-        step=0.05,
-        spread=0.02,
         least=0.05,
         fault=0.5,
         nominal=lambda at: at.log.kd[at.index],
-        lowest=-0.95,
-        change="relative",
-        shared=True,
-        drive=True,
-        central=True,
         shown=Shown("step the target by 0.1 rad, with the measured torque in the log", {"steps": 10.0}),
         usd=lambda edit, j, x: edit.scale_drive(j, ("kd",), 1.0 + x),
     ),
@@ -85,23 +84,15 @@ CAUSES = (
         shared=True,
         shown=Shown("move the joint at 3 to 8 Hz and log its velocity", {"chirp": 15.0}),
     ),
-    Cause(
+    _gain(
         name="motor_strength",
         title="motor strength",
         field="strength",
-        place="joint",
         number="factor",
         unit="1",
-        step=0.05,
-        spread=0.02,
         least=0.04,
         fault=0.2,
         nominal=1.0,
-        lowest=-0.95,
-        change="relative",
-        shared=True,
-        drive=True,
-        central=True,
         shown=WALK,
         shown_by_arm=Shown("swing the links slowly with a known weight at the end", {"slow": 20.0}),
         usd=lambda edit, j, x: edit.scale_drive(j, STRENGTH, 1.0 + x),
