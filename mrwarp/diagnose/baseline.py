@@ -53,7 +53,7 @@ def fit_baseline(
     are not all.
     """
     settings = settings or Settings()
-    motion = Motion.of(recording, resistance=coil_resistance(recording, model))
+    motion = Motion.of(recording, resistance=coil_resistance(recording, model), settings=settings)
     motion = motion.stretches(settings.reading.samples)
     if known is not None:
         motion = replace(motion, known=known)
@@ -232,7 +232,8 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     ``rate`` is how fast z forgets along the path [1/normalised unit of q]. Returns the problem with its model.
     """
     motion = problem.motion
-    held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True)
+    read = {"rests": True, "settings": problem.settings}
+    held = Motion.of(recording, motion.scales, resistance=motion.resistance, **read)
     held = held.stretches(problem.settings.reading.samples)
     held = replace(held, known=motion.known)
     still = held.kinematics.still
@@ -306,7 +307,7 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     fit = refit(problem, fit)
     found = [(problem, fit)]
     for smoothing in _doubled(problem.settings.reading.smoothing):
-        read = {"rests": problem.motion.kinematics.rests, "smoothing": smoothing}
+        read = {"rests": problem.motion.kinematics.rests, "smoothing": smoothing, "settings": problem.settings}
         motion = Motion.of(recording, problem.motion.scales, resistance=problem.motion.resistance, **read)
         motion = motion.stretches(problem.settings.reading.samples)
         part = {name: getattr(motion, name) for name in ("qd", "qdd", "kinematics")}

@@ -42,7 +42,7 @@ def no_verdict_reasons(recording: Recording, settings: Settings | None = None) -
             f"too little data: {seconds:.3g} s, {recording.samples} samples; a cause needs at least "
             f"{needed.seconds:g} s and {needed.samples} samples; {STANDARD}"
         )
-    wrong = contradictions(turned_signs(recording, settings)[0])
+    wrong = contradictions(turned_signs(recording, settings)[0], settings)
     torque = np.concatenate([run.torque for run in runs])
     clipped, limit = max((at_limit(torque), torque.max()), (at_limit(-torque), torque.min()))
     if clipped > CLIPPED and not wrong and all(run.lost is None for run in runs):

@@ -37,12 +37,13 @@ from mrwarp.diagnose.result import (
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
-from mrwarp.identify.dataset import Motion, rms, session_clock
+from mrwarp.identify.dataset import MOVING, Motion, rms, session_clock
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
 from mrwarp.recording.data import NO_INPUT
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
+from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import VERDICTS
 
 _UNSEEN = {
@@ -260,7 +261,7 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
     invisible |= dict.fromkeys(problem.impossible, _UNCHANGING if problem.unchanging else _NO_FIELD)
     if kinematics.velocity_lag == 0.0:  # then it is no candidate
         if np.isfinite(kinematics.velocity_lag_error):
-            size = max(5.0 * kinematics.velocity_lag_error, 1e-4)
+            size = max(problem.settings.gain.clear_t * kinematics.velocity_lag_error, 1e-4)
             visible["velocity_lag"] = Value(value=size, ci95=(0.0, 0.0), unit="s")
         else:
             invisible["velocity_lag"] = "the recording has no velocity channel"
@@ -353,7 +354,7 @@ def _traces(found: Findings) -> Traces:
         current=motion.current * current,
         time=motion.time,
         start=motion.start,
-        regime=regimes(motion),
+        regime=regimes(motion, found.problem.settings),
         noise_rms=found.problem.noise.rms * torque,
         one_clock=session_clock(found.recording) is not None,
         counts=found.spikes.known if found.spikes is not None else None,
@@ -365,16 +366,16 @@ def _traces(found: Findings) -> Traces:
     )
 
 
-def regimes(motion: Motion) -> np.ndarray:
+def regimes(motion: Motion, settings: Settings) -> np.ndarray:
     """Index into ``REGIMES`` of each sample, shape (N,)."""
     r = motion.ranges
     out = np.full(len(motion.q), REGIMES.index("slip"), dtype=np.int8)
-    out[np.abs(motion.qd) < 0.02 * r.qd] = REGIMES.index("hold")
+    out[np.abs(motion.qd) < settings.gain.share * r.qd] = REGIMES.index("hold")
     for part, dt in zip(motion.parts, motion.dt, strict=True):
-        reach = max(1, round(0.1 / dt))
+        reach = max(1, round(settings.spikes.event / dt))
         qd = motion.qd[part]
         turns = np.flatnonzero((qd[1:] * qd[:-1] < 0.0) & (np.abs(qd[1:] - qd[:-1]) > 1e-3 * r.qd))
-        jumps = np.flatnonzero(np.abs(np.diff(motion.current[part])) > 0.05 * r.current)
+        jumps = np.flatnonzero(np.abs(np.diff(motion.current[part])) > MOVING * r.current)
         for marks, name in ((turns, "reversal"), (jumps, "current step")):
             for k in marks:
                 at = part.start + int(k) + 1

@@ -272,7 +272,7 @@ class Predictor:
         """
         check_same_units(recording, self.recording)
         like = self.motion
-        read = {"rests": like.kinematics.rests, "smoothing": like.kinematics.smoothing}
+        read = {name: getattr(like.kinematics, name) for name in ("rests", "smoothing", "settings")}
         motion = Motion.of(recording, like.scales, resistance=like.resistance, **read)
         if like.ahead:
             motion = motion.later(like.ahead)

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from mrwarp.identify.dataset import MOVING, Motion
 from mrwarp.sysid.least_squares import ridge_solve
+from mrwarp.sysid.settings import Data
 
 _PAST = (*(0.01 * 2**k for k in range(7)), 1.0)
 """How far back the features look [s]."""
@@ -29,8 +30,8 @@ _FAR = 1.5
 _NEAR, _CLOSEST = 0.1, 0.3
 """Largest distance of two samples whose motion is the same, in standard deviations; of these the closest count, as a
 share of all samples."""
-_PAIRS, _RUNS = 200, 3
-"""Fewest pairs, and fewest runs with some, that say anything."""
+_PAIRS = 200
+"""Fewest pairs that say anything."""
 _BLOCK = 400
 """Samples whose distances to all others are in memory together."""
 _HALF_NORMAL = 0.4549
@@ -174,7 +175,7 @@ def spread_where_it_repeats(motion: Motion, mismatch: np.ndarray, at: np.ndarray
         mine = half[(run == k) & (distance <= limit)]
         if len(mine) > _PAIRS // 10:
             counts[k], spreads[k] = len(mine), float(np.median(mine)) / _HALF_NORMAL
-    known = counts.sum() >= _PAIRS and int((counts > 0).sum()) >= _RUNS
+    known = counts.sum() >= _PAIRS and int((counts > 0).sum()) >= Data.runs
     return (counts, spreads) if known else (0.0 * counts, 0.0 * spreads)
 
 

@@ -12,9 +12,6 @@ import numpy as np
 from scipy.optimize import nnls
 
 from mrwarp.identify.checks.refusal_reason import (
-    LITTLE,
-    MOSTLY,
-    UNLIKELY,
     by_place,
     explains_nothing,
     followed_instead,
@@ -23,27 +20,25 @@ from mrwarp.identify.checks.refusal_reason import (
 )
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
-from mrwarp.sysid.settings import Data, Gain
+from mrwarp.sysid.settings import Data, Gain, Settings
 
 if TYPE_CHECKING:
     from mrwarp.identify.dataset import Dataset
 
-_BY_CURRENT = 1e-3
-"""Part of the torque's variance that a current which changes must add to the motion alone."""
-DRIVES = 0.3
-"""Part of the power, in size, that a torque with a turned sign gives to the motion."""
 _COPY = 1e-6
 """Part of the torque's variance that another column, times a factor, may leave if it is not a copy."""
 _NOISE = 1.2
 """Ratio of the current's change from sample to sample to its spread from which it is noise: 1.41 where it is white."""
 _COIL = ("A", "V")
 """Units of a control input that is a size and acts on the torque; a flag, a load or a pressure need not."""
-_PLACE = 0.1
-"""Part of it that the mean torque at the same place must predict to belong to the motion."""
 
 
-def contradictions(recording: Recording) -> list[str]:
-    """Reasons why no model of a joint on a bench can follow from a recording, each with what to check or to record."""
+def contradictions(recording: Recording, settings: Settings | None = None) -> list[str]:
+    """Reasons why no model of a joint on a bench can follow from a recording, each with what to check or to record.
+
+    ``settings`` say what is next to nothing, and which torque drives; None: the defaults.
+    """
+    settings = settings or Settings()
     runs, units = recording.trajectories, recording.units
     current_name, torque_name = quantity("current", units), quantity("torque", units)
     q, qd, current, torque = (
@@ -66,7 +61,7 @@ def contradictions(recording: Recording) -> list[str]:
             f"the {current_name} is negative throughout ({current.min():.4g} to {current.max():.4g}): eq. 14 counts it "
             "as a size; turn its sign and try again"
         )
-    if found or (wrong := _jumps(recording) or _wrong_velocity(recording)):
+    if found or (wrong := _jumps(recording, settings.gain) or _wrong_velocity(recording, settings.gain)):
         return found or [wrong]
     copies = {"q": q, "qd": qd, "current": current}
     for name, x in copies.items():
@@ -87,7 +82,7 @@ def contradictions(recording: Recording) -> list[str]:
             f"{with_unit(f'{np.abs(current).max():.3g}', units['current'])}): is its sensor connected? Write 0 "
             "where there is none, and try again"
         ]
-    return _unrelated(recording, q, qd, current, torque)
+    return _unrelated(recording, q, qd, current, torque, settings)
 
 
 def refuse_contradictions(recording: Recording) -> None:
@@ -118,7 +113,7 @@ def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_o
         raise RecordingError(f"{recording.source or 'recording'}: {explains_nothing(worst, data, recording.units)}")
 
 
-def forewarning(recording: Recording, least: float = UNLIKELY) -> str:
+def forewarning(recording: Recording, least: float = Data.unlikely) -> str:
     """Gaps of a fit where the plainest laws of a joint leave most of the torque; else, or if unclear, empty.
 
     ``least`` is the part of the torque's variance that they have to leave.
@@ -139,14 +134,14 @@ def forewarning(recording: Recording, least: float = UNLIKELY) -> str:
     return f"plain friction, inertia and stiffness leave {100.0 * left:.0f} % of the torque's variance: {reason}"
 
 
-def _jumps(recording: Recording) -> str:
+def _jumps(recording: Recording, gain: Gain) -> str:
     """Whether the angle jumps, as it does where it begins again or where two runs stand in one file."""
     for run in recording.trajectories:
         steps, reach = np.abs(np.diff(run.q)), float(np.ptp(run.q))
-        at = np.flatnonzero(steps > MOSTLY * reach)
+        at = np.flatnonzero(steps > gain.half * reach)
         at = at[(at >= 3) & (at + 4 < len(run.q))]
-        stays = [abs(np.median(run.q[k + 1 : k + 5]) - np.median(run.q[k - 3 : k + 1])) > MOSTLY * reach for k in at]
-        if any(stays) and np.percentile(steps, 95) < LITTLE * reach:
+        stays = [abs(np.median(run.q[k + 1 : k + 5]) - np.median(run.q[k - 3 : k + 1])) > gain.half * reach for k in at]
+        if any(stays) and np.percentile(steps, 95) < gain.share * reach:
             k = int(at[np.argmax(stays)])
             name, unit = quantity("q", recording.units), recording.units["q"]
             return (
@@ -157,7 +152,7 @@ def _jumps(recording: Recording) -> str:
     return ""
 
 
-def _wrong_velocity(recording: Recording) -> str:
+def _wrong_velocity(recording: Recording, gain: Gain) -> str:
     """Whether the velocity channel is not the derivative of the angle."""
     runs = [run for run in recording.trajectories if not run.qd_derived]
     if not runs:
@@ -167,12 +162,12 @@ def _wrong_velocity(recording: Recording) -> str:
     own, other, both = float(qd @ qd), float(derived @ derived), float(qd @ derived)
     if own == 0.0:
         return "qd is 0 throughout while q moves: leave the column out, then it is derived, and try again"
-    if both < MOSTLY * np.sqrt(own * other):
+    if both < gain.half * np.sqrt(own * other):
         return (
             f"qd is not the derivative of q (correlation {both / np.sqrt(own * other):.2f}): are two columns swapped, "
             "or of different joints? Put them right, or leave qd out, and try again"
         )
-    if not MOSTLY < both / own < 1.0 / MOSTLY:
+    if not gain.half < both / own < 1.0 / gain.half:
         return f"dq/dt is {both / own:.3g} times qd: one of them is in another unit; convert it, and try again"
     return ""
 
@@ -183,26 +178,31 @@ def _turns(qd: np.ndarray, x: np.ndarray) -> float:
 
 
 def _unrelated(
-    recording: Recording, q: np.ndarray, qd: np.ndarray, current: np.ndarray, torque: np.ndarray
+    recording: Recording,
+    q: np.ndarray,
+    qd: np.ndarray,
+    current: np.ndarray,
+    torque: np.ndarray,
+    settings: Settings,
 ) -> list[str]:
     """Whether the torque has a turned sign, or nothing to do with the motion, or with a current that changes."""
     qdd = np.concatenate([np.gradient(run.qd, run.dt) for run in recording.trajectories])
     runs = recording.trajectories
-    if turned := opposed(runs):
+    if turned := opposed(runs, settings):
         return [_opposed_text(recording, turned)]
     free, passive = _plain_laws(q, qd, qdd, current)
     unexplained = _left(torque, free[:2], passive[:3])
     with_current = _left(torque, free, passive)
     name, torque_name = quantity("current", recording.units), quantity("torque", recording.units)
-    if resists(torque, qd) < -DRIVES:
+    if resists(torque, qd) < -settings.faults.drives:
         return [
             f"the {torque_name} drives the motion instead of resisting it: its sign, or that of the "
             f"{quantity('q', recording.units)}, is turned against eq. 14, or the motion answers to the {torque_name} "
             "as in a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
         ]
-    varies = recording.units["current"] in _COIL and np.ptp(current) > Gain.unchanging * np.abs(current).max()
-    unrelated = with_current > 1.0 - LITTLE and not follows_place(recording)
-    constant = varies and unexplained - with_current < _BY_CURRENT * with_current
+    varies = recording.units["current"] in _COIL and np.ptp(current) > settings.gain.unchanging * np.abs(current).max()
+    unrelated = with_current > 1.0 - settings.gain.share and not follows_place(recording, settings.rest.unreported)
+    constant = varies and unexplained - with_current < settings.gain.floor * with_current
     if (unrelated or constant) and (hardly := hardly_moves([run.q for run in runs], recording.units)):
         return [hardly]
     if unrelated:
@@ -224,15 +224,18 @@ def _unrelated(
     return []
 
 
-def follows_place(recording: Recording) -> bool:
-    """Whether the torque comes again where the angle does, as cogging or a weight's does: it belongs to the motion."""
+def follows_place(recording: Recording, least: float) -> bool:
+    """Whether a part of at least ``least`` of the torque's variance comes again where the angle does.
+
+    Cogging and a weight's torque do: they belong to the motion.
+    """
     runs = recording.trajectories
     q, torque = (np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "torque"))
     start = np.cumsum([0, *(len(run.t) for run in runs)])
     parts = [slice(int(a), int(b)) for a, b in zip(start[:-1], start[1:], strict=True)]
     turn = 2.0 * np.pi if recording.units["q"] == "rad" else np.inf
     left = [float(np.var(torque - by_place(q, torque, parts, turn, own=own))) for own in (False, True)]
-    return min(left) < (1.0 - _PLACE) * float(torque.var())
+    return min(left) < (1.0 - least) * float(torque.var())
 
 
 def resists(torque: np.ndarray, qd: np.ndarray) -> float:
@@ -244,15 +247,15 @@ def resists(torque: np.ndarray, qd: np.ndarray) -> float:
     return max(float(power.sum()) / max(float(np.abs(power).sum()), 1e-300) for power in powers)
 
 
-def opposed(runs: Sequence[Trajectory]) -> list[str]:
+def opposed(runs: Sequence[Trajectory], settings: Settings) -> list[str]:
     """Runs whose torque drives the motion while that of others resists it, and that are passive with the other sign."""
-    powers = [resists(run.torque, run.qd) for run in runs]
-    if max(powers) < DRIVES:
+    least, powers = settings.faults.drives, [resists(run.torque, run.qd) for run in runs]
+    if max(powers) < least:
         return []
     turned = []
-    for run in (run for run, power in zip(runs, powers, strict=True) if power < -DRIVES):
+    for run in (run for run, power in zip(runs, powers, strict=True) if power < -least):
         free, passive = _plain_laws(run.q, run.qd, np.gradient(run.qd, run.dt), run.current)
-        if _left(-run.torque, free, passive) < MOSTLY * _left(run.torque, free, passive):
+        if _left(-run.torque, free, passive) < settings.gain.half * _left(run.torque, free, passive):
             turned.append(run.id)
     return turned
 

@@ -19,6 +19,7 @@ from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.kinematics import Kinematics, reconstruct
 from mrwarp.recording.data import is_load, quantity
 from mrwarp.recording.load import Recording
+from mrwarp.sysid.settings import Settings
 
 _SETTLED = 4.0
 """Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
@@ -200,6 +201,7 @@ class Motion(Dataset):
         resistance: float = 0.0,
         rests: bool = False,
         smoothing: float = 1.0,
+        settings: Settings | None = None,
     ) -> Motion:
         """Reconstruct the motion of a recording.
 
@@ -209,9 +211,10 @@ class Motion(Dataset):
             resistance: Coil resistance for the heat [Ohm].
             rests: Whether the joint is held still where it seems to rest.
             smoothing: Divisor of the smoother's bandwidth.
+            settings: Rules by which a log is read; None: the defaults.
         """
         data = Dataset.of(recording, scales)
-        kinematics = reconstruct(recording, rests=rests, smoothing=smoothing)
+        kinematics = reconstruct(recording, rests=rests, smoothing=smoothing, settings=settings)
         scales = data.scales
         data = dataclasses.replace(data, qd=kinematics.qd / scales.q)
         clock = session_clock(recording)

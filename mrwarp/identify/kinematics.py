@@ -9,7 +9,7 @@ banded system), without any phase. Where the joint rests, the velocity is known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -17,24 +17,17 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter, savgol_filter
 
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.settings import Reading, Settings
 
 _BANDWIDTHS = (25.0, 50.0, 100.0)
 """Bandwidths of the smoother [Hz], narrowest first: wider where the angle holds more motion and the rate allows it."""
-_LEFT = 2.0
-"""Standard deviations of the angle's noise that the smoother may leave; more may be motion that it takes for noise."""
-_MOTION = 0.5
-"""Part of it that a wider smoother leaves, at most, where it was motion."""
 _CERTAIN = 1e4
 """Weight of a velocity that is known, over all others."""
 _LAG_STEPS = 4
 """Steps of the fit of the lag; the first takes it as small against the motion's periods."""
-_LAG_T = 5.0
-"""The velocity lags when its time constant is this many standard errors from 0."""
 
 _WINDOW = 0.1
 """Standstill: time in which nothing moves beyond the noise [s], and at least ten samples."""
-_SHORTEST = 0.25
-"""Shortest rest [s]: a turning point of slow motion looks like a shorter one."""
 _EDGE = 0.03
 """Time at each end of a rest in which nobody knows whether the joint moves already, or still [s]."""
 _SPREAD = 0.25
@@ -71,13 +64,19 @@ class Kinematics:
     reversing: np.ndarray | None = None
     """Whether a sample is so near a start, a stop or a reversal that an acceleration which jumps there is not known,
     shape (N,); None: none is."""
+    settings: Settings = field(default_factory=Settings)
+    """Rules by which the log was read."""
 
 
-def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 1.0) -> Kinematics:
+def reconstruct(
+    recording: Recording, *, rests: bool = True, smoothing: float = 1.0, settings: Settings | None = None
+) -> Kinematics:
     """Smooth the motion of a recording; with ``rests``, nothing moves where it changes by no more than its noise.
 
-    The bandwidth that the angle asks for is divided by ``smoothing``.
+    The bandwidth that the angle asks for is divided by ``smoothing``. ``settings`` say what rests, and what a lag is;
+    None: the defaults.
     """
+    settings = settings or Settings()
     runs = recording.trajectories
     sigma_q = angle_noise(runs)
     sigma_v, lag, error = float("inf"), 0.0, float("inf")
@@ -86,7 +85,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         sigma_v = float(np.median([_velocity_noise(run) for run in runs]))
     if not of_speed and np.isfinite(sigma_v):
         lag, error = _lag_of(recording, sigma_q)
-        if lag < _LAG_T * error or lag < 1e-4:
+        if lag < settings.gain.clear_t * error or lag < 1e-4:
             lag = 0.0
     qd, qdd, uncertain, still, reversing = [], [], [], [], []
     known_q, known_v = sigma_q, sigma_v
@@ -94,11 +93,13 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         # an integrated angle knows nothing that the velocity does not
         sigma_q = float("inf") if run.q_integrated else known_q
         sigma_v = min(known_v, _velocity_noise(run)) if run.q_integrated else known_v
-        bandwidth = _bandwidth(run, sigma_q, sigma_v) / smoothing
+        bandwidth = _bandwidth(run, sigma_q, sigma_v, settings.gain.half) / smoothing
         v = run.qd
         if lag > 0.0:
             v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
-        known, at_edge = known_velocity(run, sigma_q, sigma_v) if rests else (None, np.zeros(len(run.q), dtype=bool))
+        known, at_edge = None, np.zeros(len(run.q), dtype=bool)
+        if rests:
+            known, at_edge = known_velocity(run, sigma_q, sigma_v, settings.reading.rest)
         still.append(np.zeros(len(run.q), dtype=bool) if known is None else np.isfinite(known))
         uncertain.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
@@ -120,6 +121,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         still=rested,
         smoothing=smoothing,
         reversing=np.concatenate(reversing),
+        settings=settings,
     )
 
 
@@ -135,15 +137,18 @@ def near_reversals(qd: np.ndarray, still: np.ndarray, reach: int) -> np.ndarray:
     return near
 
 
-def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:
-    """Bandwidth for a trajectory [Hz]: a bang-bang drive or a chirp needs more than a swing."""
+def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float, less: float) -> float:
+    """Bandwidth for a trajectory [Hz]: a bang-bang drive or a chirp needs more than a swing.
+
+    What the smoother leaves beyond the angle's noise may be motion, and was where a wider one leaves clearly ``less``.
+    """
     best = _BANDWIDTHS[0]
     left = _left(run, sigma_q, sigma_v, best)
     for bandwidth in _BANDWIDTHS[1:]:
-        if left < _LEFT * sigma_q or bandwidth > 0.2 / run.dt:
+        if sigma_q > less * left or bandwidth > 0.2 / run.dt:
             break
         wider = _left(run, sigma_q, sigma_v, bandwidth)
-        if wider < _MOTION * left:  # vibration above one band shows in the next only
+        if wider < less * left:  # vibration above one band shows in the next only
             best, left = bandwidth, wider
     return best
 
@@ -152,7 +157,7 @@ def _left(run: Trajectory, sigma_q: float, sigma_v: float, bandwidth: float) -> 
     """Standard deviation of the smoother's rest of the angle, without slow drifts."""
     v, _ = smooth(run.q, run.qd, run.dt, sigma_q, sigma_v, bandwidth)
     rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
-    return float((rest - uniform_filter1d(rest, 2 * max(5, int(0.1 / run.dt)) + 1)).std())
+    return float((rest - uniform_filter1d(rest, 2 * max(5, int(_WINDOW / run.dt)) + 1)).std())
 
 
 def smooth(
@@ -285,7 +290,9 @@ def _velocity_noise(run: Trajectory) -> float:
     return max(1.4826 * float(np.median(np.abs(rest))), 1e-5 * float(np.abs(run.qd).max()), 1e-12)
 
 
-def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.ndarray, np.ndarray]:
+def known_velocity(
+    run: Trajectory, sigma_q: float, sigma_v: float, shortest: float = Reading.rest
+) -> tuple[np.ndarray, np.ndarray]:
     """Velocity where a joint rests: 0, or the slope of the angle where it creeps.
 
     Returns:
@@ -293,7 +300,7 @@ def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.
     """
     size, edge = len(run.q), round(_EDGE / run.dt)
     known, uncertain = np.full(size, np.nan), np.zeros(size, dtype=bool)
-    for part in resting(run.q, run.qd, run.dt, sigma_q, sigma_v):
+    for part in resting(run.q, run.qd, run.dt, sigma_q, sigma_v, shortest):
         begin = part.start + edge if part.start else 0
         end = part.stop - edge if part.stop < size else size
         t = (np.arange(end - begin) - 0.5 * (end - begin - 1)) * run.dt
@@ -317,11 +324,13 @@ def _without_overshoot(v: np.ndarray, at_edge: np.ndarray, count: int) -> None:
         inside[inside * outside.sum() < 0.0] = 0.0
 
 
-def resting(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float) -> list[slice]:
+def resting(
+    q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float, shortest: float = Reading.rest
+) -> list[slice]:
     """Stretches of a trajectory whose angle and velocity change by no more than their noise.
 
     ``sigma_q`` and ``sigma_v`` are the standard deviations of their noise; the velocity is not looked at where the
-    latter is infinite. ``dt`` is the sampling interval [s].
+    latter is infinite. ``dt`` is the sampling interval [s], ``shortest`` the least time at rest [s].
     """
     half = max(5, round(0.5 * _WINDOW / dt))
     width = 2 * half
@@ -339,4 +348,4 @@ def resting(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: f
         still &= np.abs(path[width:] - path[:-width]) < _T * sigma_v * np.sqrt(width)
     inside = np.convolve(still, np.ones(width)) > 0.5  # every sample of a window that is still
     edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
-    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2) if (b - a) * dt > _SHORTEST]
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2) if (b - a) * dt > shortest]

@@ -110,7 +110,7 @@ def test_counts_of_a_linear_scale_are_converted(tmp_path: Path) -> None:
     units = {"q": "counts", "counts_per_metre": 200_000, "torque": "N"}
     recording = load_recording(_declared(tmp_path, counted, units))
     assert recording.units["q"] == "m"
-    np.testing.assert_allclose(recording.trajectories[0].q, 0.01 * data["q"], atol=2.6e-6)
+    np.testing.assert_allclose(recording.trajectories[0].q, 0.01 * data["q"], atol=0.51 / 200_000)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.identify.checks.shared_fit import LEAST_GROUP, RunTable, SharedFit
-from mrwarp.identify.contradictions import DRIVES, opposed, resists
+from mrwarp.identify.contradictions import opposed, resists
 from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.sysid.settings import Faults, Settings
@@ -146,10 +146,10 @@ def _reversed_runs(recording: Recording, table: RunTable, settings: Settings) ->
     runs = recording.trajectories
     _, fits = table.fit.factors()
     # eq. 14 says which sign is right where friction shows it, else most runs do
-    driving = np.isin([run.id for run in runs], opposed(runs))
+    driving = np.isin([run.id for run in runs], opposed(runs, settings))
     powers = np.array([resists(run.torque, run.qd) for run in runs])
     # a load that depends on the place takes no power, and may have the other sign without any fault
-    passive = powers > np.clip(settings.gain.half * np.median(powers), 0.0, DRIVES)
+    passive = powers > np.clip(settings.gain.half * np.median(powers), 0.0, settings.faults.drives)
     turns = driving | ((fits < -settings.faults.agree) & ~passive)
     turned = np.flatnonzero(turns)
     if not len(turned) or 2 * len(turned) >= len(fits):
@@ -198,7 +198,7 @@ def _other_device(recording: Recording, table: RunTable, settings: Settings) -> 
     near = distance.min() < limits.other or _better(by_rest, by_other, second) < limits.other
     if near or _separable(table.conditions, second):
         return None
-    by_both = _left_by_boosting(recording, fit, table.every, settings.effort.samples // 2)
+    by_both = _left_by_boosting(recording, fit, table.every, settings)
     if _better(by_rest, by_both, second) < limits.boosting:
         return None
     few = second if (second.sum(), second[0]) < ((~second).sum(), not second[0]) else ~second
@@ -219,16 +219,16 @@ def _better(by_rest: np.ndarray, otherwise: np.ndarray, second: np.ndarray) -> f
     return min(float(np.median(ratio[group])) for group in (second, ~second))
 
 
-def _left_by_boosting(recording: Recording, fit: SharedFit, every: int, samples: int) -> np.ndarray:
+def _left_by_boosting(recording: Recording, fit: SharedFit, every: int, settings: Settings) -> np.ndarray:
     """Rest of each run by boosting after learning on other runs of either group, as mean square, shape (R,)."""
     from mrwarp.identify.boosting import cross_predicted  # most recordings do without, and so does `mrwarp check`
     from mrwarp.identify.dataset import Motion
 
-    motion = Motion.of(recording)
+    motion = Motion.of(recording, settings=settings)
     kept = np.concatenate([np.arange(part.start, part.stop, every) for part in motion.parts])
     smooth = np.zeros((fit.rows[0].shape[1], len(motion.q)))
     smooth[:, kept] = np.concatenate(fit.rows).T
-    at = kept[:: -(-len(kept) // samples)]
+    at = kept[:: -(-len(kept) // (settings.effort.samples // 2))]
     left = (motion.torque[at] - cross_predicted(motion, at, motion.torque, smooth=smooth)) * motion.scales.torque
     run = np.searchsorted(motion.start, at, side="right") - 1
     return np.array([np.var(left[run == k]) for k in range(len(fit.rows))])

@@ -8,19 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mrwarp.recording.data import quantity, with_unit
+from mrwarp.sysid.settings import Gain
 
 if TYPE_CHECKING:
     from mrwarp.identify.dataset import Dataset
 
-UNLIKELY = 0.6
-"""Part of the torque's variance that the plainest laws leave from which a model is likely to explain next to nothing:
-hysteresis and weakening, which they lack, bear up to a quarter of it, and the hysteresis of a joint leaves half."""
-MOSTLY, LITTLE = 0.5, 0.02
-"""Share of a variance, a correlation or a range from which most of it is meant, and up to which next to none is."""
 _HARDLY = 100.0
 """Range of the angle, in standard deviations of its noise, below which a joint hardly moves."""
-_OPPOSES = 0.2
-"""Negative correlation of a run's torque with its acceleration from which the runs have no inertia in common."""
 _PER_BIN, _BINS = 20, (20, 720)
 """Samples for each bin over the angle, and fewest and most bins: a cogging of 72 per turn has ten bins a period."""
 _BLOCKS = 10
@@ -39,7 +33,7 @@ def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray) -> float:
     """
     seen = np.broadcast_to(counts, error.shape) > 0.0
     size = np.abs(error[seen])  # the few samples with the largest errors do not count
-    plain = size <= np.quantile(size, 1.0 - LITTLE)
+    plain = size <= np.quantile(size, 1.0 - Gain.share)
     return float(np.sqrt(np.mean(size[plain] ** 2))) / (float(torque[seen][plain].std()) or 1.0)
 
 
@@ -83,15 +77,15 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
     in_all, in_each = (
         _followed(rest, rest - by_place(data.q, rest, data.parts, turn, own=own)) for own in (False, True)
     )
-    if by_inertia > max(MOSTLY, in_all):
+    if by_inertia > max(Gain.half, in_all):
         share = 100.0 * by_inertia
         return f"{share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
-    if in_all > MOSTLY:
+    if in_all > Gain.half:
         return (
             f"{100.0 * in_all:.0f} % of what they leave comes again at the same {angle} in all runs, as cogging or a "
             f"weight's {torque} does{named}"
         )
-    if in_each > MOSTLY:
+    if in_each > Gain.half:
         cogs = float(np.ptp(data.q)) > turn
         load = "cogging that" if cogs else "a load that depends on the place, such as a weight or a spring, and"
         differs = f"differs between runs{f', or an {angle} that begins elsewhere in each' if cogs else ''}"
@@ -109,7 +103,7 @@ def _opposed(plain: np.ndarray, torque: np.ndarray, qdd: np.ndarray) -> bool:
     Where a drive holds a speed, cogging makes both its torque and the acceleration, and neither is the other's cause.
     """
     left, moved = _rest(plain, torque), _rest(plain, qdd)
-    return float(left @ moved) < -_OPPOSES * float(np.sqrt((left @ left) * (moved @ moved)))
+    return float(left @ moved) < -Gain.part * float(np.sqrt((left @ left) * (moved @ moved)))
 
 
 def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
@@ -127,7 +121,7 @@ def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
 def own_noise(torques: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
     """Noise of a torque, of each run, that is hardly more than noise; nothing if it is more."""
     rough = float(np.mean([_white(torque) ** 2 for torque in torques]))
-    noisy = rough > MOSTLY * float(np.concatenate(torques).var())
+    noisy = rough > Gain.half * float(np.concatenate(torques).var())
     return with_unit(f"{np.sqrt(rough):.2g}", units["torque"]) if noisy else ""
 
 

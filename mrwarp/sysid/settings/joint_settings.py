@@ -20,7 +20,8 @@ class Gain(Checked):
     this much on the data is no rival. An effect that gains less than twice as much within trajectories has to show
     between them."""
     floor: float = setting(0.003, 0.0, 1.0, fewer="false causes in long data", more="missed ones", by="replay's step")
-    """Least gain as a share of the noise's energy: the replay's own step errs by about as much."""
+    """Least gain as a share of the noise's energy: the replay's own step errs by about as much. Of what motion and
+    current leave it is the least by which a current has to leave less than the motion alone."""
     distinct: float = setting(12.0, 0.0, 1e4, fewer="single answers", more="alternatives")
     """Difference of chi-squared from which two explanations are distinguished: a likelihood ratio of 400."""
     one_error: float = setting(1.0, 0.0, 10.0, fewer="false causes", more="suspects", by="one-standard-error rule")
@@ -31,11 +32,13 @@ class Gain(Checked):
     """Least t where many were asked, or where a wrong answer bends all that follows: bent laws, another reading of the
     motion, a single step over the noise."""
     share: float = setting(0.02, 0.0, 1.0, fewer="idle refinements", more="missed ones")
-    """Share of the squares below which a refinement, or a trajectory, says nothing."""
+    """Share of the squares, of samples or of a range up to which something is next to nothing: what a refinement gains,
+    a trajectory says, or a model explains."""
     few: int = setting(4, 2, 100, fewer="chance findings", more="questions that stay open in short data")
     """Fewest runs, rests or spectra among which a gain can be distinguished from chance."""
     half: float = setting(0.5, 0.0, 1.0, fewer="missed differences", more="false ones")
-    """Ratio of two squares, spreads or powers below which one is clearly less than the other."""
+    """Ratio of two squares, spreads or powers below which one is clearly less than the other, and share of a variance,
+    of a range or of full correlation from which it is most of it."""
     detail: float = setting(0.05, 0.0, 1.0, fewer="findings of no use", more="missed small ones")
     """Share of the torque's standard deviation up to which a mismatch, a moved zero or a growth at rest is a detail."""
     chance: float = setting(1e-3, 0.0, 1.0, fewer="missed laws", more="accidents taken for laws")
@@ -51,7 +54,8 @@ class Gain(Checked):
         by="devices by other laws: a tenth to a sixth; true effects: a third and more",
     )
     """Least size of a finding as a share of a larger one next to it: of an effect over what comes again without a name,
-    of what is left over what is named, of spikes over all that is left."""
+    of what is left over what is named, of spikes over all that is left; and the torque that falls with the
+    acceleration, from which it is no inertia's."""
 
 
 @dataclass(frozen=True, kw_only=True)

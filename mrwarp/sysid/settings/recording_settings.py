@@ -19,6 +19,10 @@ class Data(Checked):
     """Fewest samples, all trajectories together."""
     nothing: float = setting(0.9, 0.0, 10.0, fewer="refusals", more="models that explain little")
     """NRMSE from which a model explains next to nothing: four fifths of the torque's variance are left."""
+    unlikely: float = setting(0.6, 0.0, 1.0, fewer="warnings before a fit", more="fits that end in a refusal")
+    """Part of the torque's variance that the plainest laws leave from which a model is likely to explain next to
+    nothing: hysteresis and weakening, which they lack, bear up to a quarter of it, and a joint's hysteresis leaves
+    half."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +35,8 @@ class Faults(Checked):
     """That width for the logarithms of gains."""
     gain: float = setting(0.25, 0.0, 10.0, fewer="differences of runs taken for gains", more="missed gains")
     """Smallest other gain that is reported [1]."""
+    drives: float = setting(0.3, 0.0, 1.0, fewer="wrong refusals", more="torques of turned sign that are fitted")
+    """Part of the power, in size, that a torque of turned sign gives to the motion."""
     agree: float = setting(0.7, 0.0, 1.0, fewer="faults that stand for a wrong law", more="missed faults")
     """Least correlation of a run with what the others say, and share of the runs that must reach it."""
     similar: float = setting(1.6, 1.0, 100.0, fewer="missed faults", more="faults that stand for a wrong law")
@@ -86,6 +92,8 @@ class Reading(Checked):
     """Trajectories above which smooth functions take up little of their offsets and factors; below, most of them."""
     begun: float = setting(0.8, 0.0, 1.0, fewer="runs without stress at their start", more="runs under way by chance")
     """Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
+    rest: float = setting(0.25, 0.1, 60.0, fewer="slow turning points taken for rests", more="short rests not seen")
+    """Shortest time in which a joint that does not move rests [s]."""
     smoothing: float = setting(8.0, 1.0, 1e3, fewer="noisy accelerations", more="time")
     """Largest divisor of the smoother's bandwidth that is tried; it doubles from 2 on."""
 
