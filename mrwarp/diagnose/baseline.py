@@ -302,7 +302,7 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     jumps, but that of a drive does not: the acceleration does. The smoother spreads that jump, so those samples of a
     joint that sticks, or that a drive moves against a load, do not count.
     """
-    if "rotor_inertia" not in fit.effects:
+    if not any(KNOWN[effect].inertial for effect in fit.effects):
         return problem
     fit = refit(problem, fit)
     found = [(problem, fit)]

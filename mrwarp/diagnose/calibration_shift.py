@@ -13,8 +13,9 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, base_vector, covariance, normalised
 from mrwarp.diagnose.result import Shift
-from mrwarp.identify.parameters import BASE_PART, LINEAR, LINEAR_PART, SHAPE, SHAPE_PART
-from mrwarp.model_file import JOINT_UNITS, Model
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.parameters import BASE_PART, LINEAR, LINEAR_PART, SHAPE, SHAPE_PART, factor_of
+from mrwarp.model_file import JOINT_UNITS, Model, effect_unit
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording
 from mrwarp.sysid.settings import Settings
@@ -38,10 +39,11 @@ def calibration_shifts(problem: Problem, fit: Fit, recording: Recording, model: 
         return ()
     motion = problem.motion
     shift = find_shift(fit, normalised(nominal, motion.scales), float(np.ptp(motion.torque)), problem.settings)
-    if shift is not None and shift.name == "torque_bias":
-        value, low, high = (x * motion.scales.torque for x in (shift.value, *shift.ci95))
-        shift = replace(shift, value=value, ci95=(low, high), unit=recording.units["torque"])
-    return (shift,) if shift else ()
+    if shift is None:
+        return ()
+    p = CATALOGUE[shift.name].parameters[0]
+    value, low, high = (x * factor_of(p, motion.scales) for x in (shift.value, *shift.ci95))
+    return (replace(shift, value=value, ci95=(low, high), unit=effect_unit(p, recording.units)),)
 
 
 def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float, settings: Settings) -> Shift | None:
@@ -64,8 +66,8 @@ def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float, sett
     weight = np.linalg.inv(measured + device)
     whole = float(delta @ weight @ delta)
     rank = []
-    of_current = {name: nominal[name] for name in ("I1", "K1")}
-    for name, parts in (("torque_bias", {"D": 1.0}), ("torque_gain", nominal), ("current_gain", of_current)):
+    for name, law in CATALOGUE.items():
+        parts = {p: nominal[p] if law.parameters[0].null else 1.0 for p in law.taken_up_by}
         d = np.array([parts.get(p, 0.0) for p in LINEAR] + [0.0] * len(SHAPE))
         information = float(d @ weight @ d)
         if information > 0.0:
@@ -78,10 +80,8 @@ def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float, sett
     shifted = _log_likelihood(delta, measured + device) + 0.5 * (whole - left)
     if shifted < _log_likelihood(delta, measured + (OTHER_DEVICE / SPREAD) ** 2 * device) + limits.odds:
         return None
-    near = tuple(r[1] for r in rank[1:] if r[0] - left < limits.distinct)
-    value = size if name == "torque_bias" else 1.0 + size
-    if name == "torque_bias":
-        near = ("encoder_offset", "friction_asymmetry", *near)
+    near = (*CATALOGUE[name].looks_like, *(r[1] for r in rank[1:] if r[0] - left < limits.distinct))
+    value = CATALOGUE[name].parameters[0].null + size
     ci95 = (value - 1.96 * error, value + 1.96 * error)
     return Shift(name=name, value=value, ci95=ci95, alternatives=near, unit="1")
 

@@ -46,10 +46,6 @@ from mrwarp.run_dir import versions
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import VERDICTS
 
-_UNSEEN = {
-    **dict.fromkeys(("coil_lag", "command_delay", "remanence"), "the current hardly changes within a trajectory"),
-    **dict.fromkeys(("current_saturation", "current_viscosity", "load_friction"), "too few levels of current"),
-}
 _NEVER = "at no size in its range would it stand out from what eq. 14 takes up and from the noise"
 _NO_FIELD = "the control input is a load or a pressure, which makes no magnetic field"
 _UNCHANGING = "the control input is the same throughout"
@@ -251,7 +247,7 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
     visible, invisible = {}, {}
     for name, size in found.sizes.items():
         if size is None:
-            invisible[name] = _UNSEEN.get(name, _NEVER)
+            invisible[name] = CATALOGUE[name].unseen or _NEVER
         else:
             p = CATALOGUE[name].parameters[0]
             unit = effect_unit(p, found.problem.units)
@@ -260,13 +256,15 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
     problem = found.problem
     invisible |= dict.fromkeys(problem.impossible, _UNCHANGING if problem.unchanging else _NO_FIELD)
     if kinematics.velocity_lag == 0.0:  # then it is no candidate
+        lags = [name for name, law in CATALOGUE.items() if law.measured_in == "qd"]
         if np.isfinite(kinematics.velocity_lag_error):
             size = max(problem.settings.gain.clear_t * kinematics.velocity_lag_error, 1e-4)
-            visible["velocity_lag"] = Value(value=size, ci95=(0.0, 0.0), unit="s")
+            visible |= {name: Value(value=size, ci95=(0.0, 0.0), unit="s") for name in lags}
         else:
-            invisible["velocity_lag"] = "the recording has no velocity channel"
+            invisible |= dict.fromkeys(lags, "the recording has no velocity channel")
     if problem.units["current"] == NO_INPUT:  # what a device does not have is not missing
-        invisible = {name: why for name, why in invisible.items() if name not in (*problem.impossible, "current_gain")}
+        of_input = {*problem.impossible, *(name for name, law in CATALOGUE.items() if law.stage == "current")}
+        invisible = {name: why for name, why in invisible.items() if name not in of_input}
     return visible, invisible
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, threshold
 from mrwarp.diagnose.screening import Candidate
-from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
+from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, zero_line, zeros_moved
 from mrwarp.identify.parameters import LINEAR, SHAPE, SHAPE_PART, YIELDING, slots_of
 from mrwarp.identify.projection import Progress
@@ -25,11 +25,6 @@ from mrwarp.sysid.settings import Law
 
 _SINGLE = "dahl"
 """The law that eq. 15 becomes with alpha = gamma = 0."""
-_ALSO = "current_viscosity"
-"""Further term of published laws: viscosity in a straight line over the current."""
-_INERTIA = "rotor_inertia"
-"""The effect that bends the loops of all laws: it grows with the square of the frequency, and no law of the path
-does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +97,9 @@ def choose_law(
     small = motion.stretches(limit, problem.settings.effort.runs)
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
-    with_effects = [_ALSO] if search.levels > 1 and _ALSO not in problem.impossible else []
-    inertia = [c.effect for c in screened if c.effect == _INERTIA and base.total - c.total > threshold(problem, base)]
+    with_effects = [e for e in OF_PUBLISHED_LAWS if search.levels > 1 and e not in problem.impossible]
+    shown = [c.effect for c in screened if base.total - c.total > threshold(problem, base)]
+    inertia = [effect for effect in shown if KNOWN[effect].inertial]
     count, spread = float(search.weight.sum()), float(small.torque.std()) or 1.0
 
     def nrmse(found: Solution) -> float:

@@ -307,8 +307,8 @@ def _rest_and_repeat(problem: Problem, pairs: list[_Pair], names: tuple[str, ...
 
 def _rest_for(pairs: list[_Pair]) -> float:
     """Five time constants of the warmth, in whole minutes [s]."""
-    warmed = [pair.true.parameters.values(pair.true.x).get("temperature_drift", {}) for pair in pairs]
-    longest = max([values.get("time_constant", 0.0) for values in warmed], default=0.0)
+    numbers = [(slot, pair.true.x[i]) for pair in pairs for i, slot in pair.true.parameters.items()]
+    longest = max((slot.value(x) for slot, x in numbers if slot.parameter.recovers), default=0.0)
     return 60.0 * round(float(np.clip(5.0 * longest, *_REST)) / 60.0)
 
 

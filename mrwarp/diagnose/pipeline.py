@@ -303,15 +303,14 @@ def _completed(fitted: Model, nominal: Model | None, holding: Holding | None, kn
 def _candidates(problem: Problem, base: Fit, effects: Collection[str] | None) -> list[str]:
     """Effects that may be missing: what re-fitting takes up is none, nor what the baseline has."""
     known, lag = {*base.effects, *problem.impossible}, problem.motion.kinematics.velocity_lag
-    if base.parameters.law:
-        known.add("speed_weakening")  # of eq. 14's own form
-    if problem.motion.ranges.turns > 1.0:
-        known.add("position_friction")  # what turns on and on has no place along its way
+    # another law has no alpha, and what turns on and on no stroke
+    lacks = ("alpha",) * bool(base.parameters.law) + ("stroke",) * (problem.motion.ranges.turns > 1.0)
     return [
         name
         for name, law in CATALOGUE.items()
         if law.kind != "calibration"
         and name not in known
+        and law.needs not in lacks
         and (effects is None or name in effects)
-        and (name != "velocity_lag" or lag > 0.0)
+        and (not law.measured_in or lag > 0.0)
     ]

@@ -27,13 +27,11 @@ from mrwarp.sysid.jackknife import sum_and_error
 from mrwarp.sysid.settings import Proof
 
 _SPEEDS = ("slow and quick motion", "low and high speed")
-_LARGER = (1.0, 1.7, 2.8)
-"""Factors of the gap from which play is fitted again."""
 _SHORT = "it is shorter than a sample: with this law it may only round the corners of the loop"
 """Why one that is shorter is no cause there."""
 HIDDEN_MOTION = "it is a small part of a sample: with a shaft that yields it may stand for its hidden motion"
 """Why one that is shorter still is no cause there, and what it would take up no structure."""
-_HIDDEN_BY_PLAY = "it is too small to resolve at your sampling rate"
+_HIDDEN = "it is too small to resolve at your sampling rate"
 """Why a spring next to play is no cause there; play that is none itself hides nothing."""
 
 
@@ -83,12 +81,14 @@ def _restarted(selection: Selection, models: Models) -> Selection:
     It is also fitted from the model without play, from the gap found and from larger ones.
     """
     problem, final = models.problem, selection.final
-    if not final.parameters.law or "backlash" not in selection.named:
+    again = [(e, p.tried_again) for e in selection.named for p in KNOWN[e].parameters if p.tried_again]
+    if not final.parameters.law or not again:
         return selection
-    without = models.reported(models.without(final, "backlash"))
+    play, factors = again[0]
+    without = models.reported(models.without(final, play))
     least = min(held_out_squares(problem, fit).sum() for fit in (without, models.reported(final)))
-    own = final.parameters.own("backlash")
-    for larger in _LARGER:
+    own = final.parameters.own(play)
+    for larger in factors:
         x = without.parameters.moved(without.x, final.parameters)
         x[own] = final.x[own] + np.log(larger)
         plain = plain_fit(problem, replace(final, x=x))
@@ -159,8 +159,8 @@ def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
     problem, fit = models.problem, models.reported(selection.final)
     refined = selection.refined
     reasons = {e: _unknown(e, fit, problem, refined) for e in selection.named}
-    if reasons.get("backlash"):
-        reasons = {e: "" if reason == _HIDDEN_BY_PLAY else reason for e, reason in reasons.items()}
+    hides_nothing = {e for e in reasons if reasons.get(KNOWN[e].hidden_by)}
+    reasons = {e: "" if e in hides_nothing and x == _HIDDEN else x for e, x in reasons.items()}
     if not any(reasons.values()):  # next to an impossible effect, nothing else has its true size
         after = held_out_squares(problem, fit)
         for effect in selection.named:
@@ -281,17 +281,13 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     unseen = problem.settings.proof.unseen * ranges.dt
     if KNOWN[effect].rounds_corners and value < unseen and set(YIELDING) & set(fit.effects):
         return HIDDEN_MOTION
-    if (
-        effect == "series_compliance"
-        and "backlash" in fit.effects
-        and value * ranges.torque < 0.5 * ranges.qd * ranges.dt
-    ):
-        return _HIDDEN_BY_PLAY
+    if KNOWN[effect].hidden_by in fit.effects and value * ranges.torque < 0.5 * ranges.qd * ranges.dt:
+        return _HIDDEN
     if impossible := impossible_size(effect, fit, ranges):
         return impossible
     counts, bears = problem.weight > 0.0, fit.torque - without_effect(problem, fit, effect)
-    if effect == "compliance_with_backlash" and np.mean([bears[part].any() for part in problem.motion.parts]) < 0.5:
-        return "it would act in less than half of the runs, at the ends of the widest ways only"
+    if KNOWN[effect].rare and np.mean([bears[part].any() for part in problem.motion.parts]) < 0.5:
+        return KNOWN[effect].rare
     borne = float(bears[counts].std() / max(torque[counts].std(), 1e-12))
     return f"it would bear {borne:.2g} times the torque, which another term takes back" if borne > 1.0 else ""
 

@@ -15,6 +15,7 @@ from mrwarp.diagnose.residual_structure import Leftover, groups_along, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, screen
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.normal_equations import losses
+from mrwarp.identify.parameters import absent_from
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import gain_and_t
 from mrwarp.sysid.elimination import grown
@@ -194,11 +195,7 @@ def _needed(models: Models, fit: Fit, effect: str) -> float:
 def _alternatives(
     models: Models, steps: LagOrDelay, screened: list[Candidate], candidates: list[str]
 ) -> tuple[dict[str, float], dict[str, tuple[str, ...]]]:
-    """For each named effect: what it adds, and which others would do as well in its place.
-
-    Stribeck friction whose speed lies beyond the recorded ones is Coulomb friction, with one number more: where it
-    does not even predict better it is no alternative.
-    """
+    """For each named effect: what it adds, and which others would do as well in its place."""
     final, gains, alternatives = steps.model, {}, {}
     for effect in models.added(final):
         without = models.without(final, effect)
@@ -215,27 +212,23 @@ def _alternatives(
             name
             for name, fit in sorted(fits.items(), key=lambda kv: kv[1].total)
             if name != steps.excluded
-            and not _worn(fit, name)
-            and not (effect == "coulomb_friction" and name == "stribeck" and fit.total > final.total)
+            and not _never_recovers(fit, name)
+            and not (CATALOGUE[name].contains == effect and fit.total > final.total)
             and ((name == steps.undecided and effect in (LAG, DELAY)) or as_good(models.problem, fit, final, without))
         )
     return gains, alternatives
 
 
-def _worn(fit: Fit, effect: str) -> bool:
-    """Whether a drift with temperature recovers in no rest: then it is wear under another name."""
-    if effect != "temperature_drift":
-        return False
-    slow = next(p for p in CATALOGUE[effect].parameters if p.name == "time_constant")
-    return fit.parameters.values(fit.x)[effect][slow.name] > 0.5 * slow.high(fit.parameters.ranges)
+def _never_recovers(fit: Fit, effect: str) -> bool:
+    """Whether what recovers in a rest, as a drift with temperature does, would in none that the session could show."""
+    ranges, values = fit.parameters.ranges, fit.parameters.values(fit.x)[effect]
+    return any(values[p.name] > 0.5 * p.high(ranges) for p in CATALOGUE[effect].parameters if p.recovers)
 
 
 def expected_in(problem: Problem) -> str:
-    """The effect that takes the place of ``K1*I`` where the control input is a load or a pressure; else empty.
-
-    Like a term of eq. 14 it comes before the others, and free functions do not take its place.
-    """
-    return "load_friction" if problem.motion.ranges.load else ""
+    """The effect that takes the place of a term of eq. 14 which these data exclude; else empty."""
+    absent = absent_from(problem.motion.ranges)
+    return next((name for name, law in CATALOGUE.items() if law.in_place_of in absent), "")
 
 
 # --- whether named effects are real, or stand in for structure of another kind or for chance ---

@@ -104,6 +104,8 @@ LAW = EffectLaw(
             starts=lambda r: tuple(
                 x * r.q for x in (4e-5, 1e-4, 3e-4, 7e-4, 0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2)
             ),
+            sudden=True,
+            tried_again=(1.0, 1.7, 2.8),
         ),
     ),
     law=backlash_law,

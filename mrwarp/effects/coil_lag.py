@@ -58,4 +58,5 @@ LAW = EffectLaw(
     depends_on=("current", "memory"),
     remedy="raise the current controller's bandwidth or its supply voltage",
     needs="command",
+    unseen="the current hardly changes within a trajectory",
 )

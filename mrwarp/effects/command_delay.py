@@ -38,4 +38,5 @@ LAW = EffectLaw(
     depends_on=("current", "memory"),
     remedy="time-stamp the command; shorten the bus cycle",
     needs="command",
+    unseen="the current hardly changes within a trajectory",
 )

@@ -58,4 +58,5 @@ LAW = EffectLaw(
     depends_on=("q",),
     remedy="preload the gear; put the encoder on the output",
     positive="a stiffness is above 0",
+    rare="it would act in less than half of the runs, at the ends of the widest ways only",
 )

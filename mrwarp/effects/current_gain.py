@@ -28,4 +28,5 @@ LAW = EffectLaw(
     source="error of a shunt's or Hall sensor's factor",
     depends_on=("current",),
     remedy="calibrate the current sensor",
+    taken_up_by=("I1", "K1"),
 )

@@ -39,4 +39,5 @@ LAW = EffectLaw(
     depends_on=("current",),
     remedy="more steel in the flux path",
     needs="field",
+    unseen="too few levels of current",
 )

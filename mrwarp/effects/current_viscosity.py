@@ -28,4 +28,6 @@ LAW = EffectLaw(
     depends_on=("qd", "current"),
     remedy="none needed; it belongs to the fluid",
     needs="field",
+    unseen="too few levels of current",
+    of_published_laws=True,
 )

@@ -154,13 +154,20 @@ class EffectParameter:
     """Whether it only bends the law: null while causes are searched, fitted for the reported fit where that predicts
     clearly better, and absent from a model otherwise."""
     carried: bool = False
-    """Whether it is that share of an inertia whose torque adds to a load: searched together with ``rotor_inertia``
-    only, where the control input is a torque or a force. None of the inertia is then no better a guess than any part of
-    it."""
+    """Whether it is that share of an inertia whose torque adds to a load: searched together with an inertia only, where
+    the control input is a torque or a force. None of the inertia is then no better a guess than any part of it."""
     optional: bool = False
     """Whether a model may do without it: then it is null."""
     negative: bool = True
     """Whether the sign is free."""
+    sudden: bool = False
+    """Whether what it changes comes and goes at samples, of which a small step of it would meet single ones."""
+    tried_again: tuple[float, ...] = ()
+    """Factors of a value that was found from which it is fitted again, where another law takes eq. 15's place and fits
+    stop where contacts come and go."""
+    recovers: bool = False
+    """Whether it is the time in which the effect is gone in a rest. Where that is as long as a session can show, the
+    effect is no alternative: it recovers in no rest then, and is another under its name."""
     divides: bool = False
     """Whether the law divides by it, so that it must be above 0."""
 
@@ -241,9 +248,13 @@ class EffectLaw:
     """Variables along which it shows."""
     positive: str = ""
     """Why its first number can only be above 0; empty where it may have either sign."""
-    needs: Literal["", "change", "command", "field"] = ""
-    """Control input without which there is no such effect: one that changes, or a changing command that can lag, or
-    the current of a magnetic field."""
+    needs: Literal["", "change", "command", "field", "alpha", "stroke"] = ""
+    """What there is no such effect without: a control input that changes, or a changing command that can lag, or the
+    current of a magnetic field; alpha of eq. 14, which no other law has; or a stroke with ends."""
+    unseen: str = ""
+    """Why a recording shows it at no size, where that is a matter of its control input."""
+    measured_in: Literal["", "qd"] = ""
+    """Channel that shows it alone, against another: it is a candidate only where that comparison found it."""
     one_positive: bool = False
     """Whether that holds for the larger of its linear numbers, not for the first."""
     rounds_corners: bool = False
@@ -252,8 +263,30 @@ class EffectLaw:
     """Whether the shaft's path then depends on B, K0 and K1, so that the torque is linear in these for small steps."""
     dry: bool = False
     """Whether it is dry friction: a real contact rubs more at rest than when it slides."""
+    in_place_of: str = ""
+    """Parameter of eq. 14 whose place it takes where the data exclude that one. Like a term of eq. 14 it comes before
+    the other effects, stays next to them, and free functions do not replace it."""
+    of_published_laws: bool = False
+    """Whether published hysteresis laws have it as a further term over the control input."""
+    contains: str = ""
+    """Effect that it is itself, with one number more, where that number lies beyond what the data cover: then it is an
+    alternative to that one only where it predicts better."""
+    hidden_by: str = ""
+    """Effect next to which it is not resolved where the torque moves it by less than half of a sample's way."""
+    rare: str = ""
+    """Why it is no cause where it acts in less than half of the runs; empty where it may be."""
+    taken_up_by: tuple[str, ...] = ()
+    """Parameters of eq. 14 that take up a shift of calibration, each by the same share; or by the shift itself where
+    its own number is 0 without one."""
+    looks_like: tuple[str, ...] = ()
+    """Effects that take up the same as a shift of calibration: they are its alternatives."""
     remedy: str = ""
     """The remedy on the bench or the device."""
+
+    @property
+    def inertial(self) -> bool:
+        """Whether it follows the acceleration: it bends the loops of all hysteresis laws, as none of the path does."""
+        return "qdd" in self.depends_on
 
     def defaults(self) -> dict[str, float]:
         """All parameters at null."""

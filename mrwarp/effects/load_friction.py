@@ -67,5 +67,7 @@ LAW = EffectLaw(
     remedy="check lubrication and preload; in a gear or a seal it belongs to the device",
     positive="friction brakes",
     needs="change",
+    unseen="too few levels of current",
     dry=True,
+    in_place_of="K1",
 )

@@ -47,4 +47,5 @@ LAW = EffectLaw(
     depends_on=("q", "qd"),
     remedy="align the guide; look for where it rubs",
     dry=True,
+    needs="stroke",
 )

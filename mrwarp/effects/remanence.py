@@ -36,6 +36,7 @@ LAW = EffectLaw(
             low=lambda r: 5e-4 * r.current,
             high=lambda r: 0.5 * r.current,
             starts=lambda r: tuple(x * r.current for x in (0.004, 0.01, 0.02, 0.04, 0.08, 0.15)),
+            sudden=True,
         ),
     ),
     law=remanence_law,
@@ -44,4 +45,5 @@ LAW = EffectLaw(
     depends_on=("current", "memory"),
     remedy="demagnetise by a decaying alternating current; softer core steel",
     needs="field",
+    unseen="the current hardly changes within a trajectory",
 )

@@ -85,4 +85,5 @@ LAW = EffectLaw(
     depends_on=("qd", "memory"),
     remedy="stiffen the coupling, or put the encoder on the device's shaft",
     yields=True,
+    hidden_by="backlash",
 )

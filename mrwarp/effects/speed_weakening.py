@@ -36,4 +36,5 @@ LAW = EffectLaw(
     source="shear thinning (Herschel-Bulkley)",
     depends_on=("qd", "current"),
     remedy="none needed; it belongs to the fluid",
+    needs="alpha",
 )

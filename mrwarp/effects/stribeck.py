@@ -47,4 +47,5 @@ LAW = EffectLaw(
     depends_on=("qd",),
     remedy="other lubricant or seal",
     positive="Stribeck friction is larger at low speed",
+    contains="coulomb_friction",
 )

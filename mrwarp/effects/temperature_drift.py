@@ -35,6 +35,7 @@ LAW = EffectLaw(
             low=lambda r: 10.0,
             high=lambda r: min(3000.0, max(60.0, 0.5 * r.session)),
             starts=lambda r: tuple(min(x, max(60.0, 0.5 * r.session)) for x in (30.0, 120.0, 480.0)),
+            recovers=True,
         ),
     ),
     law=temperature_drift_law,

@@ -25,4 +25,6 @@ LAW = EffectLaw(
     law=torque_bias_law,
     source="zero error of a strain-gauge bridge",
     remedy="unload the sensor and zero it",
+    taken_up_by=("D",),
+    looks_like=("encoder_offset", "friction_asymmetry"),
 )

@@ -26,4 +26,5 @@ LAW = EffectLaw(
     source="error of a strain-gauge bridge's factor",
     depends_on=("torque",),
     remedy="hang a known weight on the sensor",
+    taken_up_by=("D", "B", "C", "I1", "K0", "K1"),
 )

@@ -41,4 +41,5 @@ LAW = EffectLaw(
     depends_on=("qd", "memory"),
     remedy="derive the velocity from the angle, without phase",
     rounds_corners=True,
+    measured_in="qd",
 )

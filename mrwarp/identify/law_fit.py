@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
+from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
 from mrwarp.effects.replay_kernel import BASE
 from mrwarp.identify.checks.refusal_reason import missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
@@ -226,7 +226,7 @@ def fit_law(
     scales, runs, decides = motion.scales, recording.trajectories, Law()
     centres = [0.0, float(np.median([0.5 * (run.q.min() + run.q.max()) for run in runs]))]
     levels = len(np.unique(np.round(motion.current, 2)))
-    with_effects = ["current_viscosity"] if levels > 1 else []
+    with_effects = OF_PUBLISHED_LAWS if levels > 1 else ()
     log(f"{HYSTERESIS[name].title}: starts")
     fits = [
         law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, limit=Effort().samples, effects=with_effects)

@@ -147,7 +147,7 @@ class Parameters:
         if p.repeats:
             return not p.form and slot.key not in self.choices
         if p.carried:
-            return self.ranges.carried and "rotor_inertia" in self.effects
+            return self.ranges.carried and any(KNOWN[effect].inertial for effect in self.effects)
         return not p.requires or (slot.effect, p.requires) in self.choices
 
     @property
@@ -160,16 +160,10 @@ class Parameters:
         """Length of the vector."""
         return BASE_PART.stop + len(self.slots)
 
-    @property
-    def _absent(self) -> tuple[str, ...]:
-        # what turns more than once has no stiffness about an angle: C would follow what differs from run to run
-        turning = ("C",) if self.ranges.turns > 1.0 else ()
-        return (*turning, "K1") if self.ranges.load else turning
-
     @cached_property
     def low(self) -> np.ndarray:
         """Lower bounds, shape (P,)."""
-        base = [0.0 if name in NON_NEGATIVE or name in self._absent else -np.inf for name in LINEAR]
+        base = [0.0 if name in NON_NEGATIVE or name in absent_from(self.ranges) else -np.inf for name in LINEAR]
         shape = UNIT_LOOP if self.law else LEAST_SHAPE
         return np.array([*base, *shape, *(self._bound(slot, "low") for slot in self.slots)])
 
@@ -177,7 +171,7 @@ class Parameters:
     def high(self) -> np.ndarray:
         """Upper bounds, shape (P,)."""
         shape = UNIT_LOOP if self.law else self.steepest
-        linear = [0.0 if name in self._absent else np.inf for name in LINEAR]
+        linear = [0.0 if name in absent_from(self.ranges) else np.inf for name in LINEAR]
         return np.array([*linear, *shape, *(self._bound(slot, "high") for slot in self.slots)])
 
     @cached_property
@@ -186,8 +180,8 @@ class Parameters:
         out = np.full(self.size, _STEP)
         out[LINEAR_PART] = 0.1  # any step does
         for i, slot in self.items():
-            if slot.effect in ("backlash", "remanence"):
-                out[i] = 0.05  # on and off at samples: a small step would meet single ones
+            if slot.parameter.sudden:
+                out[i] = 0.05
             if slot.linear:
                 out[i] = _linear_step(slot.parameter, self.ranges)
         return out
@@ -277,6 +271,15 @@ class Parameters:
     def _bound(self, slot: Slot, name: str) -> float:
         bound = getattr(slot.parameter, name)(self.ranges)
         return np.log(bound) if slot.logarithmic else bound
+
+
+def absent_from(ranges: Ranges) -> tuple[str, ...]:
+    """Parameters of eq. 14 that data of such ranges exclude.
+
+    What turns more than once has no stiffness about an angle: C would follow what differs from run to run. A load or a
+    pressure makes no field.
+    """
+    return ("C",) * (ranges.turns > 1.0) + ("K1",) * ranges.load
 
 
 def _linear_step(p: EffectParameter, r: Ranges) -> float:

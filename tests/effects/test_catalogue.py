@@ -1,10 +1,12 @@
 """The catalogue keeps the contract: tokens, units, bounds, nulls, sources; one file and one line add an effect."""
 
+import ast
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import mrwarp
 from mrwarp.effects import catalogue
 from mrwarp.effects.catalogue import (
     CATALOGUE,
@@ -20,6 +22,7 @@ from mrwarp.effects.catalogue import (
     parameter_of,
 )
 from mrwarp.effects.law import STAGES
+from mrwarp.identify.parameters import LINEAR
 from tests.effects.strengths import RANGES
 
 TOKENS = {
@@ -28,6 +31,13 @@ TOKENS = {
     "friction_asymmetry", "stribeck", "cogging", "current_viscosity", "speed_weakening", "temperature_drift", "wear",
     "compliance_with_backlash", "series_compliance", "load_friction", "position_friction",
 }  # fmt: skip
+SPOKEN_OF = {
+    ("lag_or_delay.py", "coil_lag"), ("lag_or_delay.py", "command_delay"),  # these two are all that the file is about
+    ("law_choice.py", "dahl"),  # the law that eq. 15 becomes with alpha = gamma = 0
+    ("recording_faults.py", "torque_gain"),  # a fault of some runs, by the same name in result.json
+    ("result.py", "coulomb_friction"),  # a key of result.json: dry friction of the law that was taken
+}  # fmt: skip
+"""Names of effects that may stand in the method, by file."""
 VARIABLES = {"q", "qd", "qdd", "current", "torque", "time", "memory", "frequency"}
 
 
@@ -114,3 +124,24 @@ def test_every_file_of_a_law_is_listed_once() -> None:
     assert files == set(CATALOGUE) and sorted(catalogue.EFFECTS) == sorted(files)
     assert [law.name for law in catalogue.LAWS] == list(catalogue.EFFECTS)
     assert laws == set(HYSTERESIS) == {law.name for law in HYSTERESIS.values()}
+
+
+def test_the_method_knows_no_effect_by_its_name() -> None:
+    """What can stand in for what, and what hides what, stands in the effects themselves."""
+    method = [path for room in ("diagnose", "sysid") for path in (Path(mrwarp.__file__).parent / room).rglob("*.py")]
+    found = set()
+    for path in method:
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        found |= {(path.name, node.value) for node in nodes if isinstance(node, ast.Constant) and node.value in KNOWN}
+    assert found == SPOKEN_OF
+
+
+@pytest.mark.parametrize("name", list(KNOWN))
+def test_effects_that_a_declaration_speaks_of_are_there(name: str) -> None:
+    """Those that it contains, that hide it, or that look like it; and parameters of eq. 14 that it goes with."""
+    law = KNOWN[name]
+    assert {law.contains, law.hidden_by, *law.looks_like} <= {"", *CATALOGUE} - {name}
+    assert {law.in_place_of, *law.taken_up_by} <= {"", *LINEAR}
+    assert not law.taken_up_by or law.kind == "calibration"
+    for p in law.parameters:
+        assert not p.tried_again or (p.starts is not None and not p.negative), "factors of a logarithm"
