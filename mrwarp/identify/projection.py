@@ -22,6 +22,7 @@ from mrwarp.identify.replay import Replay
 from mrwarp.sysid.least_squares import RANK, Rules, minimise
 from mrwarp.sysid.left_out import predicted
 from mrwarp.sysid.pieces import Pieces, Quadratic
+from mrwarp.sysid.settings import Search
 
 _STEP = 1e-2
 """Step of the central differences in (logarithmic) shape parameters: truncation and float32 noise both below 1e-4."""
@@ -189,7 +190,8 @@ def search(
     """
     log("searching starts")
     points, samples, warnings = search_starts(structure, replay, seed=seed), replay.samples, []
-    rivals = [p for p in points[1:] if p.sse < 1.01 * points[0].sse and np.abs(p.theta - points[0].theta).max() > 0.3]
+    most = (1.0 + Search.same) * points[0].sse
+    rivals = [p for p in points[1:] if p.sse < most and np.abs(p.theta - points[0].theta).max() > 0.3]
     if rivals:
         warnings.append("two different parameter sets fit a part of the data equally well: record richer motion")
     log(f"refining on {len(samples.q)} samples")

@@ -37,6 +37,9 @@ MIN_SAMPLES = 50
 LARGEST_ANGLE = 4.0 * np.pi
 """Largest plausible angle of a joint that does not go round and round [rad]."""
 
+LARGEST_GAP = 5.0
+"""A step of the stamps this many times the usual one is a gap: no window of a replay reaches over it."""
+
 LARGEST_STEP = 0.2
 """Largest plausible time between rows [s]: at 5 Hz no joint's motion could be replayed."""
 
@@ -357,9 +360,9 @@ def _run(table: Table, joints: Sequence[str], units: Mapping[str, float], fixed:
     name = table.file.name.removesuffix(suffix_of(table.file))
     run = LogRun(id=name, t=t - t[0], joint=joint, base=base, feet=feet, battery=scaled.get("battery"))
     checked = check_run(run, joints, lambda text, column: table.refuse(text, column=column))
-    gaps = int((np.diff(run.t) > 5.0 * run.dt).sum())
+    gaps = int((np.diff(run.t) > LARGEST_GAP * run.dt).sum())
     if gaps:
-        notes.append(f"{name}: {gaps} gaps of more than 5 rows; no window of the replay reaches over one")
+        notes.append(f"{name}: {gaps} gaps of more than {LARGEST_GAP:g} rows; no window of the replay reaches over one")
     return replace(checked, base={}) if fixed and "pos" not in base else checked
 
 

@@ -13,23 +13,14 @@ from scipy.signal import savgol_filter
 
 from mrwarp.robot_logs.drive_kernel import memory_kernel
 from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel, Stance
-from mrwarp.robot_logs.robot_log import LogRun, RobotLog
+from mrwarp.robot_logs.robot_log import LARGEST_GAP, LogRun, RobotLog
 
-SECONDS = {"fixed": 0.6, "free": 0.3}
-"""Length of a window [s]. In the air errors fade with the drives' damping; a legged robot's grow."""
-
-DRIVEN_SECONDS = 0.3
-"""Length where joints are driven by torque alone, so that nothing brings them back [s]."""
-
-QUIET_SHARE = 0.3
-"""Part of a window of a robot on its feet that may be left out before it, until joints and trunk keep their speed: the
-speed at its start is an average over some samples, and wrong while a foot lands."""
+SECONDS = {"fixed": 0.6, "free": 0.3, "driven": 0.3}
+"""Length of a window [s]. In the air errors fade with the drives' damping; a legged robot's grow, and nothing brings
+joints back that torque alone drives."""
 
 SPEED_STEPS = 0.05, 0.03
 """Uncertainty of the speed of joints [rad/s] and trunk [m/s] at a window's start."""
-
-LOADED = 0.25
-"""A foot bears load where its reading is beyond this share of its range."""
 
 SLIPS = 3.0 * SPEED_STEPS[1]
 """Speed of a foot on the ground that is no error of reading, nor creep: where virtual robots stand, squat or lean it is
@@ -38,9 +29,6 @@ below 0.08 m/s, in a hundredth of a walk beyond 0.4 m/s."""
 REPEATED = 0.02
 """Windows whose joints nowhere differ by more than this repeat each other [rad]: what the simulation of a robot at rest
 gets wrong, it gets wrong in every window, and they say together what one of them says."""
-
-LARGEST_GAP = 5.0
-"""A step of the stamps this many times the usual one ends a window."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +130,8 @@ def cut_windows(
 
     Runs of about the same step share a group.
     """
-    length = SECONDS[log.base] if (log.kp > 0.0).any() else DRIVEN_SECONDS
+    settings = model.settings.robot
+    length = SECONDS[log.base if (log.kp > 0.0).any() else "driven"]
     groups: dict[tuple[int, int], list] = {}
     every = max(1.0, log.seconds / budget)
     for index, run in enumerate(log.runs):
@@ -150,7 +139,7 @@ def cut_windows(
         usual = LARGEST_GAP * run.dt
         gaps, path = np.flatnonzero(np.diff(run.t) > usual), run.joint["q"]
         first, chosen, credit = max(3, round(longest_delay / run.dt)), [], 0.0
-        rough, wait = _roughness(model, run) if model.free else None, round(QUIET_SHARE * count)
+        rough, wait = _roughness(model, run) if model.free else None, round(settings.quiet * count)
         while first + count < run.samples - 3:
             if rough is not None:
                 first += int(np.argmin(rough[first : min(first + wait, run.samples - 3 - count)]))
@@ -160,7 +149,7 @@ def cut_windows(
                 continue
             credit += 1.0
             if credit >= every:
-                if rough is None or _repeats(path, chosen, first, count) < model.settings.robot.windows:
+                if rough is None or _repeats(path, chosen, first, count) < settings.windows:
                     chosen.append(first)
                 credit -= every
             first += count
@@ -369,7 +358,8 @@ def _loaded(model: ReplayModel, run: LogRun) -> np.ndarray:
         if len(own) == 1:
             least, most = np.nanquantile(own[0], (0.1, 0.9))
             if most > 0.0:
-                found[:, k] = own[0] > least + LOADED * (most - least) if most - least > 0.5 * most else True
+                bears = own[0] > least + model.settings.robot.loaded * (most - least)
+                found[:, k] = bears if most - least > model.settings.gain.half * most else True
     return found
 
 

@@ -95,7 +95,10 @@ def test_smooth_has_no_phase() -> None:
 
 
 def test_both_channels_together_beat_the_velocity_channel() -> None:
-    """A quantised angle and a noisy velocity give a velocity of a third of the channel's noise, at any rate."""
+    """A quantised angle and a noisy velocity give a velocity better than the channel smoothed alone, at any rate.
+
+    Of white noise the smoother's 25 Hz pass: at 100 Hz sqrt(25/50) of the channel's, at higher rates less.
+    """
     for dt in (0.01, 0.005, 0.001):
         recording, qd, _ = logged(6, runs=2, dt=dt)
         found = reconstruct(recording)

@@ -143,7 +143,8 @@ def test_the_first_answer_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture
     assert result["final"] is False and result["verdict"] is None and result["causes"] == []
     best = result["suspects"][0]
     assert best["name"] == "link_mass" and best["reason"].startswith("at lower: ")
-    assert best["parameters"]["mass"]["value"] == pytest.approx(0.15, abs=0.05)
+    # by derivatives about the robot as described, before anything else is fitted: to a third
+    assert best["parameters"]["mass"]["value"] == pytest.approx(0.15, rel=1 / 3)
     text = capsys.readouterr().out
     assert "likely: lower: " in text and "; checking" in text and "result.json (not final)" in text
     line = ["diagnose", str(log), "--robot", str(robot), "--rrd", str(tmp_path / "a.rrd"), "--out", str(out), "--quick"]
@@ -163,7 +164,7 @@ def test_the_first_answer_names_what_descriptions_rarely_know(tmp_path: Path) ->
         answers[name] = robot_diagnosis.diagnose_log(tmp_path / name / "arm.xml", log, answered=lambda _: False)
     [best] = answers["rubs"].suspects
     assert best.name == "coulomb_friction" and best.reason.startswith("at elbow: ")
-    assert best.parameters["torque"].value == pytest.approx(0.3, abs=0.1)
+    assert best.parameters["torque"].value == pytest.approx(0.3, rel=1 / 3)
     assert answers["healthy"].suspects == () and "no single fault" in answers["healthy"].sentence
 
 

@@ -520,7 +520,7 @@ def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path)
     found = d.to_dict()["unexplained"]
     assert found["where"] == "elbow" and found["peak"][0] == pytest.approx(0.6, abs=0.06)
     assert [name for name, _, _ in found["when"]] == ["run0", "run1"]
-    assert found["when"][0][1:] == pytest.approx((3.0, 5.5), abs=0.61)
+    assert found["when"][0][1:] == pytest.approx((3.0, 5.5), abs=0.61)  # windows of 0.6 s, whole ones
     assert "outside the catalogue: a torque in elbow" in d.sentence
 
 
@@ -738,7 +738,7 @@ def test_a_fault_of_a_coil_cannot_hide_behind_the_robot() -> None:
         base=read,
         windows=SimpleNamespace(),
     )
-    assert _currents_alone([slopes], [read])["current"] == pytest.approx([0.004], rel=0.1)
+    assert _currents_alone([slopes], [read])["current"] == pytest.approx([0.004], rel=0.1)  # 1800 readings: 1.7 %
 
 
 def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,6 +41,11 @@ class Robot(Checked):
     not asked for current says nothing of it, but for what the other numbers do without it."""
     windows: int = setting(8, 3, 1000, fewer="verdicts by chance", more="logs without a verdict")
     """Fewest windows that carry a verdict, and most of one recording that may repeat each other."""
+    quiet: float = setting(0.3, 0.0, 0.9, fewer="windows that begin while a foot lands", more="readings left out")
+    """Part of a window of a robot on its feet that may be left out before it, until joints and trunk keep their speed:
+    the speed at its start is an average over some samples, and wrong while a foot lands."""
+    loaded: float = setting(0.25, 0.0, 1.0, fewer="feet in the air that bear load", more="standing feet that do not")
+    """Share of a foot's range of readings beyond which it bears load."""
     worst: float = setting(4.0, 1.0, 100.0, fewer="windows left out", more="falls and pushes that are fitted")
     """A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot.
     Others count less, the more is left in them than in the median one: small errors of some grow to large ones."""
