@@ -6,6 +6,7 @@ A fit always ends somewhere. These checks say where its numbers would mean nothi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,9 +19,10 @@ from mrwarp.identify.checks.refusal_reason import (
     hardly_moves,
     own_noise,
 )
+from mrwarp.recording.angle import without_wrong_readings
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
-from mrwarp.sysid.settings import Data, Gain, Settings
+from mrwarp.sysid.settings import Data, Gain, Settings, Spikes
 
 if TYPE_CHECKING:
     from mrwarp.identify.dataset import Dataset
@@ -36,9 +38,11 @@ _COIL = ("A", "V")
 def contradictions(recording: Recording, settings: Settings | None = None) -> list[str]:
     """Reasons why no model of a joint on a bench can follow from a recording, each with what to check or to record.
 
-    ``settings`` say what is next to nothing, and which torque drives; None: the defaults.
+    Single samples of the torque that go off and come back at once, spikes, do not count. ``settings`` say what is next
+    to nothing, and which torque drives; None: the defaults.
     """
     settings = settings or Settings()
+    recording = without_spikes(recording, settings.spikes)
     runs, units = recording.trajectories, recording.units
     current_name, torque_name = quantity("current", units), quantity("torque", units)
     q, qd, current, torque = (
@@ -85,6 +89,13 @@ def contradictions(recording: Recording, settings: Settings | None = None) -> li
     return _unrelated(recording, q, qd, current, torque, settings)
 
 
+def without_spikes(recording: Recording, spikes: Spikes) -> Recording:
+    """The recording without single samples of the torque that go far off and come back at once."""
+    torques = [without_wrong_readings(run.torque, most=spikes.most)[0] for run in recording.trajectories]
+    runs = tuple(replace(run, torque=x) for run, x in zip(recording.trajectories, torques, strict=True))
+    return replace(recording, trajectories=runs)
+
+
 def refuse_contradictions(recording: Recording) -> None:
     """Refuse a recording from which no model can follow.
 
@@ -116,8 +127,9 @@ def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_o
 def forewarning(recording: Recording, least: float = Data.unlikely) -> str:
     """Gaps of a fit where the plainest laws of a joint leave most of the torque; else, or if unclear, empty.
 
-    ``least`` is the part of the torque's variance that they have to leave.
+    ``least`` is the part of the torque's variance, without its spikes, that they have to leave.
     """
+    recording = without_spikes(recording, Spikes())
     runs = recording.trajectories
     q, qd, current, torque = (
         np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "qd", "current", "torque")

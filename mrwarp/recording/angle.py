@@ -1,4 +1,4 @@
-"""Motion that a sensor does not give as it is: readings that begin again after a turn, wrong ones, a speed alone."""
+"""Readings that are not what they stand for: angles that begin again after a turn, wrong ones, a speed alone."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mrwarp.recording.data import Repair
+from mrwarp.recording.data import Repair, is_command, quantity, with_unit
 from mrwarp.recording.units import Units
 
 _WITHIN = 1.001
@@ -23,14 +23,19 @@ its smallest one. The former is 17 standard deviations of white noise; what rest
 by one count. The neighbours differ by half as much at most: by the motion."""
 _WRONG = 0.01
 """Largest share of readings that are replaced: what is more frequent is no exception."""
+_BRIEF = 3
+"""Pulses of one sample for each of two from which a command does not make them itself: its own have any length."""
 
 
-def without_wrong_readings(x: np.ndarray, periods: Sequence[float] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """A channel of motion without single readings that go far off and come back at once, as no joint does.
+def without_wrong_readings(
+    x: np.ndarray, periods: Sequence[float] = (), most: float = _WRONG
+) -> tuple[np.ndarray, np.ndarray]:
+    """A channel without single readings that go far off and come back at once, as no joint does.
 
     Args:
-        x: Angle, displacement or velocity, shape (N,).
+        x: Angle, displacement, velocity, or what else is measured, shape (N,).
         periods: Lengths after which readings may begin again; a step of such a length is none.
+        most: Largest share of the readings that may be wrong; where more are, all stay.
 
     Returns:
         The channel, each wrong reading replaced by the middle of its neighbours, and where they were.
@@ -45,24 +50,51 @@ def without_wrong_readings(x: np.ndarray, periods: Sequence[float] = ()) -> tupl
     there, back = step[:-1], step[1:]
     off = (there * back < 0.0) & (0.5 * np.abs(there - back) > least) & (np.abs(there + back) < 0.5 * least)
     at = np.flatnonzero(off) + 1
-    if not 0 < len(at) <= _WRONG * len(x):
+    if not 0 < len(at) <= most * len(x):
         return x, np.empty(0, dtype=int)
     x = x.copy()
     x[at] = x[at - 1] + 0.5 * (step[at - 1] + step[at])
     return x, at
 
 
+def without_brief_pulses(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A commanded input without single samples that are off to one side of the levels before and after them.
+
+    Args:
+        x: Control input that stays as it is from most samples to the next, shape (N,).
+
+    Returns:
+        The input, each of these samples at the level before it, and where they were.
+    """
+    step = np.diff(x)
+    holds = np.pad(step == 0.0, 1, constant_values=True)  # on either side of each sample
+    one = (step[:-1] * step[1:] < 0.0) & holds[:-3] & holds[3:]
+    two = (step[:-2] * step[2:] < 0.0) & (step[1:-1] == 0.0)
+    at = np.flatnonzero(one) + 1
+    if not 0 < len(at) <= _WRONG * len(x) or len(at) < _BRIEF * int(two.sum()):
+        return x, np.empty(0, dtype=int)
+    x = x.copy()
+    x[at] = x[at - 1]
+    return x, at
+
+
 def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
-    """Replace single wrong readings of the motion in the columns of a run; notes on them."""
+    """Replace single wrong readings of motion and control input in the columns of a run; notes on them."""
     found = []
-    for key in (key for key in ("q", "qd") if key in run):
-        run[key], at = without_wrong_readings(before := run[key], units.periods() if key == "q" else ())
+    for key in (key for key in ("q", "qd", "current") if key in run):
+        before, commanded = run[key], key == "current" and is_command(run[key])
+        if commanded:
+            run[key], at = without_brief_pulses(before)
+        else:
+            run[key], at = without_wrong_readings(before, units.periods() if key == "q" else ())
         if len(at):
             far, where = float(np.abs(before - run[key]).max()), tuple(float(t) for t in run["t"][at[:10]])
             places = ", ".join(f"{t:.4g}" for t in where[:3]) + (", ..." if len(at) > 3 else "")
+            what = quantity(key, {key: units.base(key)}) if key == "current" else "joint"
             text = (
-                f"{len(at)} single readings of {key} go off by up to {far:.3g} {units.base(key)} and come back at "
-                f"once, as no joint does (at {places} s): the middle of their neighbours takes their place"
+                f"{len(at)} single readings of {key} go off by up to {with_unit(f'{far:.3g}', units.base(key))} and "
+                f"come back at once, as no {what} does (at {places} s): the "
+                f"{'level before them' if commanded else 'middle of their neighbours'} takes their place"
             )
             found.append(Repair(trajectory=label, kind="replaced", count=len(at), at=where, text=text))
     return found

@@ -54,6 +54,11 @@ def is_load(units: Mapping[str, str]) -> bool:
     return quantity("current", units) in ("load torque", "load force", "pressure")
 
 
+def is_command(current: np.ndarray) -> bool:
+    """Whether a control input is a command: it stays as it is from most samples to the next; else it was measured."""
+    return 2 * np.count_nonzero(np.diff(current)) < len(current)
+
+
 def true_names(text: str, units: Mapping[str, str]) -> str:
     """A text that calls the control input "current" as it is called for a device in ``units``, such as pressure."""
     return re.sub(r"\bcurrent(s?)\b", lambda found: quantity("current", units) + found[1], text)

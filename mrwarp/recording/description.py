@@ -6,9 +6,13 @@ import json
 
 import numpy as np
 
+from mrwarp.recording.angle import without_wrong_readings
 from mrwarp.recording.data import NO_INPUT, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
 from mrwarp.recording.load import TURNS, Recording, derivative_ratio, turns
+
+_SPIKES = 0.05
+"""Largest share of the torque's samples that are spikes: what is more frequent is no exception."""
 
 
 def describe(recording: Recording, verdict: str = "good") -> list[str]:
@@ -87,6 +91,13 @@ def notes(recording: Recording) -> list[str]:
         found.append(
             f"qd is not the derivative of q in {len(odd)} trajectories, e.g. {odd[0]!r}; if qd is not to be trusted, "
             "leave its column out and it is derived from q"
+        )
+    spikes = [len(without_wrong_readings(run.torque, most=_SPIKES)[1]) for run in runs]
+    if any(spikes):
+        torque, worst = quantity("torque", recording.units), runs[int(np.argmax(spikes))].id
+        found.append(
+            f"{sum(spikes)} single readings of the {torque} go far off and come back at once, most of them in "
+            f"{worst!r}: diagnose leaves such spikes out, fit weighs them down with --robust"
         )
     name = quantity("current", recording.units)
     if recording.units["current"] == NO_INPUT:

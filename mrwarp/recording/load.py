@@ -62,6 +62,9 @@ TURNS = 4.0
 EPOCH = 1e8
 """Time [s] from which stamps count from 1970, not from the start of a recording: three years."""
 
+_STAMPS = (("ms", 1e3, "milliseconds"), ("us", 1e6, "microseconds"), ("ns", 1e9, "nanoseconds"))
+"""Units that stamps more than 1 s apart are likely in: their number in a second, which is the longest interval."""
+
 LARGEST = 1e20
 """Largest number that is taken for a reading in any unit: nanoseconds since 1970 are 2e18."""
 
@@ -355,9 +358,10 @@ def _even_parts(
     try:
         dt = float(np.median(np.diff(t)))
         if dt > 1.0:
+            unit, per_second, name = next((x for x in _STAMPS if dt <= x[1]), _STAMPS[-1])
             raise table.refuse(
-                f"{dt:g} s between samples{of}: these look like milliseconds; divide by 1000, or declare the unit in "
-                'units.json: {"t": "ms"}',
+                f"{dt:g} s between samples{of}: these look like {name}; divide by {per_second:.0f}, or declare the "
+                f'unit in units.json: {{"t": "{unit}"}}',
                 column="t",
             )
         pieces, gaps = even_pieces(part)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
+from mrwarp.recording.data import is_command
+
 MAX_JITTER = 0.5
 """Largest deviation of a sampling interval from the median interval, as a share of it; above, it is resampled."""
 
@@ -22,6 +24,10 @@ _TICKS = 12
 _ON_TICK, _MOSTLY, _SOME = 0.1, 0.9, 0.02
 """A clock that loses samples leaves intervals of one, two, three ... of its own: how far they may be from whole
 numbers, which share of them must be so near, and the least share of each kind. Two kinds alone are the logger's own."""
+
+_FEW, _THINS = 12.0, 0.25
+"""Number of longer intervals that losses at random would leave beyond the longest common kind from which their absence
+says something, and the part of it below which the samples were not lost (once in 2000 recordings by chance)."""
 
 _ALTERNATES = 0.5
 """Ratio of what neighbours predict wrongly of a sample, by the stamps over by an even clock, below which the stamps are
@@ -198,7 +204,7 @@ def _resampled(name: str, t: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.
     """
     if name != "current":
         return Akima1DInterpolator(t, x)(grid)
-    if 2 * np.count_nonzero(np.diff(x)) < len(x):
+    if is_command(x):
         return x[np.searchsorted(0.5 * (t[1:] + t[:-1]), grid)]
     return np.interp(grid, t, x)
 
@@ -212,11 +218,19 @@ def _has_clock(intervals: np.ndarray) -> bool:
 
 
 def _loses(intervals: np.ndarray) -> bool:
-    """Whether intervals, in those of the clock, are whole numbers of more than two kinds: samples were lost."""
+    """Whether intervals, in those of the clock, are whole numbers of more than two kinds: samples were lost.
+
+    Losses one by one leave longer intervals, too. Where none are beyond a common kind, that kind is the logger's own.
+    """
     whole = np.rint(intervals)
     kinds, counts = np.unique(whole[whole > 0.0], return_counts=True)
     on = np.abs(intervals - whole) < _ON_TICK
-    return float(on.mean()) > _MOSTLY and int((counts > _SOME * len(intervals)).sum()) > 2
+    common = kinds[counts > _SOME * len(intervals)]
+    if float(on.mean()) < _MOSTLY or len(common) < 3:
+        return False
+    lost = 1.0 - len(whole) / float(whole.sum())
+    expected = lost * np.count_nonzero(whole >= common[-1])
+    return bool(expected < _FEW or np.count_nonzero(whole > common[-1]) > _THINS * expected)
 
 
 def _interval(step: np.ndarray) -> float:

@@ -30,11 +30,11 @@ EMPTY = frozenset(("", "#N/A", "NA", "N/A", "n/a", "NULL", "null", "None", "nan"
 """Cells that programs write where there is no number."""
 
 _ALIASES = {
-    "t": ("time", "timestamp", "t [s]", "time [s]"),
-    "q": ("theta", "position", "angle", "displacement", "pos"),
-    "qd": ("speed", "velocity", "omega", "vel", "dq", "rpm"),
-    "current": ("i", "i_coil", "coil_current", "amps"),
-    "torque": ("tau", "force", "moment"),
+    "t": ("time", "timestamp", "zeit"),
+    "q": ("theta", "position", "angle", "displacement", "pos", "winkel", "weg"),
+    "qd": ("speed", "velocity", "omega", "vel", "dq", "rpm", "drehzahl", "geschwindigkeit"),
+    "current": ("i", "i_coil", "coil_current", "amps", "strom"),
+    "torque": ("tau", "force", "moment", "drehmoment", "kraft"),
 }
 
 
@@ -255,6 +255,8 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
         else:
             near = _near(names, missing[0])
             hint = f"rename {near[0]!r} to {missing[0]!r}" if near else f"add it [{UNITS[missing[0]]}]"
+            if len(near) > 1 and all(each[-1].isdigit() for each in near):
+                hint = f"{', '.join(near[:4])}: a recording is of one joint, so write one file for each, or {hint}"
             if not near and missing[0] == "current":
                 hint += ', or declare {"current": "none"} in units.json for a device without a control input'
             if not near and missing[0] == "q" and (speeds := _near(names, "qd")):
@@ -267,8 +269,9 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
 
 
 def _near(names: list[str], name: str) -> list[str]:
-    """Columns that are likely meant by a name."""
-    return [each for each in names if each.lower() in (name, *_ALIASES[name])]
+    """Columns that are likely meant by a name; a unit in brackets or a joint's number may follow it."""
+    plain = {each: re.sub(r"\s*[\[(].*|[\s_]*\d+$", "", each.lower()) for each in names}
+    return [each for each, text in plain.items() if text in (name, *_ALIASES[name])]
 
 
 def _with_columns(table: Table, content: Any) -> Table:

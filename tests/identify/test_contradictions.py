@@ -9,6 +9,7 @@ import pytest
 from mrwarp.diagnose import diagnose
 from mrwarp.identify.contradictions import contradictions
 from mrwarp.identify.fit import fit
+from mrwarp.recording.description import notes
 from mrwarp.recording.load import Recording, RecordingError, Trajectory
 from tests.identify import synthetic
 
@@ -90,6 +91,22 @@ def test_bench_data_are_bench_data() -> None:
         replace(GOOD, trajectories=GOOD.trajectories[:1]),
     ):
         assert contradictions(recording) == []
+
+
+def test_spikes_of_a_torque_are_not_what_it_follows() -> None:
+    """A shaft that goes one way, friction and cogging of 0.1 N·m, and readings 1 to 4 N·m too high: a bench's data."""
+    rng, runs = np.random.default_rng(3), []
+    for k in range(6):
+        t = np.arange(2000) * 0.002
+        qd = 7.0 + 1.5 * np.sin(2.0 * np.pi * (0.3 + 0.1 * k) * t)
+        q = np.cumsum(qd) * 0.002
+        torque = 0.3 + 0.04 * qd + 0.08 * np.sin(14.0 * q) + 0.01 * rng.normal(size=2000)
+        torque[rng.choice(2000, 25, replace=False)] += rng.uniform(1.0, 4.0, 25)
+        runs.append(Trajectory(id=f"run {k}", t=t, q=q, qd=qd, current=np.zeros(2000), torque=torque))
+    spiky = Recording(trajectories=tuple(runs), units={"q": "rad", "current": "none", "torque": "N·m"})
+    assert contradictions(spiky) == []
+    assert any("readings of the torque go far off and come back at once" in note for note in notes(spiky))
+    assert not any("come back at once" in note for note in notes(GOOD))
 
 
 @pytest.mark.parametrize(("recording", "words"), WRONG.values(), ids=WRONG.keys())

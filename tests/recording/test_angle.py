@@ -12,7 +12,7 @@ from mrwarp import cli
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.identify.fit import made_motion
 from mrwarp.identify.kinematics import reconstruct
-from mrwarp.recording.angle import unwrapped, without_wrong_readings
+from mrwarp.recording.angle import unwrapped, without_brief_pulses, without_wrong_readings
 from mrwarp.recording.load import RecordingError, load_recording, save_recording
 from tests.recording.recordings import columns, write
 
@@ -91,6 +91,35 @@ def test_single_wrong_readings_are_replaced(tmp_path: Path, capsys: pytest.Captu
     np.testing.assert_allclose(run.q - run.q[0], data["q"] - data["q"][0], atol=8.2 * (np.pi * 0.005) ** 2 / 2.0 + 1e-9)
     assert run.qd_half == 2 and cli.main(["check", str(tmp_path / "a.csv")]) == 0
     assert "come back at once" in capsys.readouterr().out
+
+
+def test_single_wrong_samples_of_a_command_are_replaced(tmp_path: Path) -> None:
+    """Eight dropouts and bit errors of a stepped command go, one of them at a step; of a measured current, too."""
+    data, rng = columns(1600), np.random.default_rng(5)
+    asked = np.repeat(rng.permutation([0.0, 0.4, 0.8, 1.2]), 400)
+    measured = asked + 0.01 * rng.normal(size=1600)
+    for name, current, tolerance in (("asked", asked, 0.0), ("measured", measured, 0.06)):
+        at = np.array([60, 333, 400 if name == "asked" else 420, 702, 980, 1111, 1300, 1500])
+        read = current.copy()
+        read[at] += [3.0, -2.0, 8.0, -1.5, 2.5, 8.0, -2.0, 4.0]
+        recording = load_recording(write(tmp_path / f"{name}.csv", {**data, "current": read}))
+        (run,), (repair,) = recording.trajectories, recording.repairs
+        assert repair.count == 8 and repair.at == pytest.approx(tuple(data["t"][at]))
+        assert np.delete(np.abs(run.current - current), 400).max() <= tolerance
+        assert abs(run.current[400] - asked[399:402].mean()) < np.ptp(asked[399:402])
+        assert "8 single readings of current go off by up to 8" in recording.repaired()[0]
+
+
+def test_a_command_of_any_length_is_no_wrong_reading() -> None:
+    """Levels that hold for one sample and more, ramps and a step that is followed by another one stay."""
+    rng = np.random.default_rng(6)
+    lengths = rng.geometric(0.1, 400)
+    switched = np.repeat(rng.choice([0.0, 1.0], 400), lengths)
+    ramp = np.clip(np.repeat(np.arange(-20.0, 40.0), 1), 0.0, 20.0)
+    ramp = np.concatenate([np.zeros(200), ramp, np.full(200, 20.0)])
+    stair = np.repeat([0.0, 1.0, 2.0, 1.0], [300, 1, 300, 300])
+    for x in (switched, ramp, stair, np.zeros(100)):
+        assert without_brief_pulses(x)[0] is x
 
 
 def test_motion_and_noise_are_no_wrong_readings() -> None:

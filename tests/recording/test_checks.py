@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import random
 from collections.abc import Callable
 from pathlib import Path
 
@@ -125,7 +126,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
         ("'t'", "3 gaps", "no run of 50 samples"),
     ),
     "every other sample lost at random": (
-        _text_edit(lambda x: [x[0], *(line for k, line in enumerate(x[1:]) if k % 7 not in (1, 2, 4))]),
+        _text_edit(lambda x: [x[0], *(line for line in x[1:] if random.Random(line).random() < 0.5)]),
         ("'t'", "uneven sampling", "of the samples are missing"),
     ),
     "degrees": (_edited(q=lambda x: x * DEG, qd=lambda x: x * DEG), ("'q'", "look like deg", '{"q": "deg"}')),
@@ -135,6 +136,15 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "turns": (_edited(q=lambda x: x / (2.0 * np.pi)), ("'q'", "looks like rev", '"q": "rev"')),
     "milliamperes": (_edited(current=lambda x: 1e3 * x), ("'current'", "look like mA", '{"current": "mA"}')),
     "millinewtonmetres": (_edited(torque=lambda x: 1e3 * x), ("'torque'", "look like mN·m")),
+    "microseconds": (_edited(t=lambda x: 1e6 * x), ("'t'", "look like microseconds", '{"t": "us"}')),
+    "two joints": (
+        _text_edit(lambda x: ["t,q1,q2,current,torque,tau2", *x[1:]]),
+        ("'q' is missing", "q1, q2: a recording is of one joint"),
+    ),
+    "units in names": (
+        _text_edit(lambda x: ["Zeit [s],Winkel [deg],qd,Strom (mA),torque", *x[1:]]),
+        ("'t' is missing", "rename 'Zeit [s]' to 't'"),
+    ),
     "milliseconds": (_edited(t=lambda x: 1e3 * x), ("'t'", "look like milliseconds")),
     "empty file": (_bytes("bad.csv", b""), ("the file is empty",)),
     "empty gzip": (_bytes("bad.csv.gz", gzip.compress(b"")), ("the file is empty",)),
