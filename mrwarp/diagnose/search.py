@@ -53,7 +53,7 @@ class Selection:
 
 def screen_candidates(problem: Problem, base: Fit, candidates: list[str]) -> list[Candidate]:
     """Every candidate on top of the baseline, best first."""
-    return screen(problem, base, candidates, hopeless=problem.settings.gain.half * threshold(problem, base))
+    return screen(problem, base, candidates, hopeless=0.3 * threshold(problem, base))
 
 
 def best_single(problem: Problem, base: Fit, screened: list[Candidate]) -> Fit | None:
@@ -196,13 +196,13 @@ def _alternatives(
     models: Models, steps: LagOrDelay, screened: list[Candidate], candidates: list[str]
 ) -> tuple[dict[str, float], dict[str, tuple[str, ...]]]:
     """For each named effect: what it adds, and which others would do as well in its place."""
-    final, gains, alternatives, part = steps.model, {}, {}, models.problem.settings.search.near
+    final, gains, alternatives = steps.model, {}, {}
     for effect in models.added(final):
         without = models.without(final, effect)
         gains[effect] = without.total - final.total
         if without.effects != models.base.effects:
             screened = models.screened(without, [c for c in candidates if c not in final.effects])
-        near = [c for c in screened if c.effect != effect and without.total - c.total > part * gains[effect]]
+        near = [c for c in screened if c.effect != effect and without.total - c.total > 0.6 * gains[effect]]
         fits = {c.effect: models.grown(without, c) for c in near[:4]}
         for effects, fit in models.fits.items():  # all fits on the way, for any first look
             other = set(effects) - set(without.effects)
@@ -262,8 +262,7 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
             # along the hysteresis without the effect: along its own they would have its shape
             groups = {group.key: group.rows for group in groups_along(models.problem, without)}
             gained = _loss_with(models.problem, without, np.vstack([groups[f.group.key] for f in left])) - full
-            much = alone < models.problem.settings.gain.half * left[0].gain
-            more = settings.kept / settings.kept_next_to_more if much else 1.0
+            more = settings.kept / settings.kept_next_to_more if left[0].gain > 1.5 * alone else 1.0
             kept[effect] = gained / max(alone, 1e-9) * more
             if gained < threshold(models.problem, fit):
                 kept[effect] = min(kept[effect], 0.0)
