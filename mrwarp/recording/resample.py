@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from mrwarp.recording.data import is_command
 
@@ -203,6 +202,8 @@ def _resampled(name: str, t: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.
     Held until the stamp of the second, it would come half an interval late, and a coil's lag out as much too small.
     """
     if name != "current":
+        from scipy.interpolate import Akima1DInterpolator  # an even clock does without
+
         return Akima1DInterpolator(t, x)(grid)
     if is_command(x):
         return x[np.searchsorted(0.5 * (t[1:] + t[:-1]), grid)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from mujoco import mjtGeom
 from PIL import Image
-from scipy.spatial import ConvexHull
 
 from mrwarp.env.natural_units import scales
 from mrwarp.env.sim_model import Scene
@@ -173,7 +172,21 @@ def _facets(flat: np.ndarray, depth: np.ndarray, faces: np.ndarray, color: Rgb) 
 
 
 def _outline(points: np.ndarray) -> Polygon:
-    return Polygon(points[ConvexHull(points).vertices])
+    """The points' convex hull, by Andrew's monotone chain."""
+    ordered, hull = sorted(points.tolist()), []
+    for chain in (ordered, ordered[::-1]):
+        side: list[list[float]] = []
+        for x, y in chain:
+            while len(side) > 1 and _left_of(side[-2], side[-1], x, y) <= 0.0:
+                side.pop()
+            side.append([x, y])
+        hull += side[:-1]
+    return Polygon(hull)
+
+
+def _left_of(start: list[float], end: list[float], x: float, y: float) -> float:
+    """Positive where a point lies left of a line."""
+    return (end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0])
 
 
 def contact_sheet(
@@ -236,10 +249,12 @@ def contact_sheet(
             axis.axvline(float(time[i]), color="0.55", linewidth=0.6, linestyle=(0, (2, 2)), zorder=0)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]", fontsize=8)
+    figure.set_dpi(110)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # once; `savefig` draws a figure with a layout twice
     # a palette: a third of the size, for pictures that go into a repository
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=110, format="png", facecolor="white")
-    image = Image.open(buffer).convert("RGB").quantize(255, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    image = image.quantize(255, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     with atomic_write(path) as partial:
         image.save(partial, format="PNG", optimize=True)
 

@@ -10,8 +10,6 @@ import mujoco
 import numpy as np
 from mujoco import mjtGeom
 from pxr import Usd, UsdGeom, UsdPhysics
-from scipy.ndimage import map_coordinates
-from scipy.spatial.transform import Rotation
 
 from mrwarp.env.sim_model import Scene, shape_name
 from mrwarp.viewing.frames import Gate
@@ -249,8 +247,11 @@ def body_poses(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def rotate(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Vectors, shape (3,) or (N, 3), rotated by quaternions (w, x, y, z), shape (4,) or (N, 4)."""
-    return Rotation.from_quat(quat, scalar_first=True).apply(vector)
+    """Vectors, shape (3,) or (N, 3), rotated by unit quaternions (w, x, y, z), shape (4,) or (N, 4)."""
+    turns = np.empty((*quat.shape[:-1], 9))
+    for index in np.ndindex(quat.shape[:-1]):
+        mujoco.mju_quat2Mat(turns[index], quat[index])
+    return np.einsum("...ij,...j->...i", turns.reshape(*quat.shape[:-1], 3, 3), vector)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,6 +268,8 @@ class Ground:
 
         ``points``: x and y [m], shape (..., 2).
         """
+        from scipy.ndimage import map_coordinates  # pictures of flat ground do without
+
         last = np.array(self.heights.shape[::-1]) - 1
         column, row = np.moveaxis((points / self.half + 1.0) * 0.5 * last, -1, 0)
         height = map_coordinates(self.heights, [row.ravel(), column.ravel()], order=1, mode="nearest")
