@@ -29,9 +29,9 @@ def numpy_time(tmp_path_factory: pytest.TempPathFactory) -> float:
     [
         (STARTS["check"].words, STARTS["check"].limit, {"warp", "matplotlib", "torch", "newton", "mujoco", "pxr"}),
         (STARTS["asset show"].words, STARTS["asset show"].limit, {"scipy", "torch", "newton", "mujoco"}),
-        (STARTS["robot show"].words, STARTS["robot show"].limit, {"torch", "newton", "mujoco_warp", "rerun"}),
+        (STARTS["robot show"].words, STARTS["robot show"].limit, {"scipy", "torch", "newton", "mujoco_warp", "rerun"}),
         (FIT_DEVICE, STARTS["robot show"].limit, {"torch", "newton", "mujoco_warp", "rerun"}),
-        (PLAY, STARTS["play"].limit, {"newton", "mujoco_warp", "rerun"}),
+        (PLAY, STARTS["play"].limit, {"scipy", "newton", "mujoco_warp", "rerun"}),
     ],
     ids=["check", "asset show", "robot show", "robot fit-device", "play"],
 )
