@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
@@ -18,7 +18,7 @@ from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import absent_from
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import gain_and_t
-from mrwarp.sysid.elimination import grown
+from mrwarp.sysid.search import eliminated, searched
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,7 @@ def select(
     """
     candidates = [c.effect for c in screened]
     models, before = models or Models(problem, base), leftovers(problem, base)
-    best = _best_model(models, screened, before, log)
+    best = searched(JointSearch(models, screened, before, log))
     found = Selection(base=base, final=best, screened=screened, fits=models.fits, leftovers=before)
     if best is base:
         return found
@@ -89,36 +89,150 @@ def select(
     )
 
 
-def _best_model(models: Models, screened: list[Candidate], before: list[Leftover], log: Progress) -> Fit:
-    """The best model whose effects are all worth their place and no confounders; the baseline if there is none."""
-    base, candidates = models.base, [c.effect for c in screened]
-    passing = [c for c in screened if base.total - c.total > threshold(models.problem, base)]
-    if not passing:
-        return base
-    log(f"refining {', '.join(c.effect for c in passing[:4])}")
-    expected = [c for c in passing if c.effect == expected_in(models.problem)]
-    best = models.grown(base, expected[0]) if expected else _grow(models, base, passing)
-    if confirmed(models, best, before) is base:
+class JointSearch:
+    """A joint as a plant: its models are fits, judged by what they predict of trajectories left out."""
+
+    def __init__(
+        self,
+        models: Models,
+        screened: list[Candidate],
+        before: list[Leftover],
+        log: Progress = lambda text: None,
+    ) -> None:
+        """``before`` is what the baseline leaves."""
+        self.models, self.base, self.log = models, models.base, log
+        self.problem, self.settings = models.problem, models.problem.settings
+        self.effects = [c.effect for c in screened]
+        self.passing = [c for c in screened if self.base.total - c.total > threshold(self.problem, self.base)]
+        self.expected = expected_in(self.problem)
+        self.gain_before = {f.group.key: f.gain for f in before}
+        self.causes, self.without = models.added, models.without
+        self.confirming = (self.more_than_chance, self.within_range, self.no_proxy)
+        self.tests = (self.adds_enough, *self.confirming)
+
+    def candidates(self, fit: Fit) -> list[Candidate]:
+        """Effects that would add enough to a model."""
+        return self.passing if fit is self.base else _passing(self.models, fit, self.effects)
+
+    def grown(self, fit: Fit, candidates: Sequence[Candidate]) -> Fit | None:
+        """The model with the best of the effects, or with a better pair in a single one's place."""
+        if fit is self.base:
+            return self._first()
+        if len(self.causes(fit)) == 1 and (pair := self._pair(fit, candidates)) is not fit:
+            return pair
+        larger = _grow(self.models, fit, candidates[:3])
+        return larger if _worth(self.models, larger) else None
+
+    def settled(self, fit: Fit) -> Fit:
+        """As it is: models of fewer numbers were preferred on the way."""
+        return fit
+
+    def _first(self) -> Fit | None:
+        """The best single effect that is no confounder."""
+        self.log(f"refining {', '.join(c.effect for c in self.passing[:4])}")
+        expected = [c for c in self.passing if c.effect == self.expected]
+        best = self.models.grown(self.base, expected[0]) if expected else _grow(self.models, self.base, self.passing)
+        if self._confirmed(best):
+            return best
         # smooth functions of other variables explain it better: the search for partners would only fit them piecemeal
-        others = [f for f in models.singles() if f is not best and confirmed(models, f, before) is not base]
-        if not others:
-            return base
-        best = min(others, key=attrgetter("total"))
-    seconds = _passing(models, best, candidates)
-    if seconds:
-        log(f"pairs: {' + '.join(best.effects)} with {', '.join(c.effect for c in seconds[:3])}")
-        best = _best_pair(models, passing, candidates, best, seconds)
+        others = [f for f in self.models.singles() if f is not best and self._confirmed(f)]
+        return min(others, key=attrgetter("total"), default=None)
 
-        def better(fit: Fit) -> Fit | None:
-            more = _passing(models, fit, candidates)
-            larger = _grow(models, fit, more[:3]) if more else None
-            return larger if larger is not None and _worth(models, larger) else None
+    def _confirmed(self, fit: Fit) -> bool:
+        """Whether any effect of a model stands for itself."""
+        for certainty in self.confirming:
+            fit, _ = eliminated(self, fit, certainty)
+        return fit is not self.base
 
-        best = grown(best, better)
-    return confirmed(models, _pruned(models, best), before)
+    def _pair(self, best: Fit, seconds: Sequence[Candidate]) -> Fit:
+        """Best pair: the best single may be neither cause, so the three best singles each look for a partner."""
+        self.log(f"pairs: {' + '.join(best.effects)} with {', '.join(c.effect for c in seconds[:3])}")
+        models = self.models
+        pairs = [models.grown(best, c) for c in seconds[:3]]
+        others = [f for f in sorted(models.singles(), key=attrgetter("total")) if f is not best][:2]
+        if self.expected in best.effects:
+            others = []
+        elif len(others) < 2:
+            known = {*best.effects, *(e for f in others for e in f.effects)}
+            others += [models.grown(self.base, c) for c in self.passing if c.effect not in known][: 2 - len(others)]
+        for single in others:
+            pairs += [models.grown(single, c) for c in _passing(models, single, self.effects)[:2]]
+        pair = _simplest(self.problem, pairs, best)
+        return pair if best.total - pair.total > threshold(self.problem, best) else best
+
+    # --- whether effects are real, or stand in for structure of another kind or for chance ---
+
+    def adds_enough(self, fit: Fit) -> list[float]:
+        """Whether the effect that adds least to the others adds enough; one that is alone does."""
+        if len(self.causes(fit)) < 2:
+            return self._but("", fit)
+        rest = {e: self.without(fit, e).total for e in self.causes(fit) if e != self.expected}
+        weakest = min(rest, key=lambda e: rest[e])
+        enough = rest[weakest] - fit.total > _needed(self.models, fit, weakest)
+        return self._but("" if enough else weakest, fit)
+
+    def more_than_chance(self, fit: Fit) -> list[float]:
+        """Whether effects may only follow offsets and factors of the trajectories by chance."""
+        gain = self.settings.gain
+        within = max(2.0 * gain.chi2, 0.5 * threshold(self.problem, fit))
+        for effect in self.causes(fit):
+            without = self.without(fit, effect)
+            if gain_within_runs(self.problem, fit, without) < within:
+                if drift_p_value(self.problem, fit, without) > gain.chance:
+                    return self._but(effect, fit)
+        return self._but("", fit)
+
+    def within_range(self, fit: Fit) -> list[float]:
+        """Whether effects end at the edge of their range and show in a few trajectories only.
+
+        An effect that would be more itself beyond what makes sense for it is a proxy of another structure.
+        """
+        room = np.minimum(fit.x - fit.parameters.low, fit.parameters.high - fit.x)
+        at_edge = {slot.effect for i, slot in fit.parameters.items() if slot.logarithmic and room[i] < 1e-3}
+        for effect in (e for e in self.causes(fit) if e in at_edge):
+            without = self.without(fit, effect)
+            if gain_and_t(without.loo_loss, fit.loo_loss)[1] < self.settings.gain.likely_t:
+                return self._but(effect, fit)
+        return self._but("", fit)
+
+    def no_proxy(self, fit: Fit) -> list[float]:
+        """Whether effects only stand in for structure of another kind.
+
+        The structure that a model leaves is offered to it as free functions. An effect that is real still adds what it
+        did; one that was a proxy of that structure adds little.
+        """
+        problem, settings = self.problem, self.settings.search
+        left = [f for f in leftovers(problem, fit) if f.gain > threshold(problem, fit)]
+        # what the effects have mostly taken up is their own law in another form, not another structure
+        left = [f for f in left if f.gain > settings.taken_up * self.gain_before[f.group.key]][:2]
+        if not left:
+            return self._but("", fit)
+        full = _loss_with(problem, fit, np.vstack([f.group.rows for f in left]))
+        if full > fit.total:  # together they predict less
+            left = left[:1]
+            full = _loss_with(problem, fit, left[0].group.rows)
+        kept = dict.fromkeys(self.causes(fit), np.inf)
+        for effect in kept:
+            without = self.without(fit, effect)
+            # it explains nearly all, or is a term of eq. 14
+            if fit.total < self.settings.rest.unreported * without.total or effect == self.expected:
+                continue
+            alone = without.total - fit.total
+            # along the hysteresis without the effect: along its own they would have its shape
+            groups = {group.key: group.rows for group in groups_along(problem, without)}
+            gained = _loss_with(problem, without, np.vstack([groups[f.group.key] for f in left])) - full
+            more = settings.kept / settings.kept_next_to_more if left[0].gain > 1.5 * alone else 1.0
+            kept[effect] = gained / max(alone, 1e-9) * more
+            if gained < threshold(problem, fit):
+                kept[effect] = min(kept[effect], 0.0)
+        return [share / settings.kept for share in kept.values()]
+
+    def _but(self, weakest: str, fit: Fit) -> list[float]:
+        """All effects of a model are certain but this one."""
+        return [0.0 if effect == weakest else np.inf for effect in self.causes(fit)]
 
 
-def _grow(models: Models, on: Fit, passing: list[Candidate]) -> Fit:
+def _grow(models: Models, on: Fit, passing: Sequence[Candidate]) -> Fit:
     """Best of the models with one more effect, among candidates with at least half of the best first look's gain."""
     top = on.total - passing[0].total
     near = [c for c in passing if on.total - c.total > models.problem.settings.search.near * top][:5]
@@ -141,35 +255,6 @@ def _passing(models: Models, on: Fit, candidates: list[str]) -> list[Candidate]:
         return []
     found = models.screened(on, rest, hopeless=min(_needed(models, on, c) for c in rest))
     return [c for c in found if on.total - c.total > _needed(models, on, c.effect)]
-
-
-def _best_pair(
-    models: Models, passing: list[Candidate], candidates: list[str], best: Fit, seconds: list[Candidate]
-) -> Fit:
-    """Best pair: the best single may be neither cause, so the three best singles each look for a partner."""
-    pairs = [models.grown(best, c) for c in seconds[:3]]
-    others = [f for f in sorted(models.singles(), key=attrgetter("total")) if f is not best][:2]
-    if expected_in(models.problem) in best.effects:
-        others = []
-    elif len(others) < 2:
-        known = {*best.effects, *(e for f in others for e in f.effects)}
-        others += [models.grown(models.base, c) for c in passing if c.effect not in known][: 2 - len(others)]
-    for single in others:
-        pairs += [models.grown(single, c) for c in _passing(models, single, candidates)[:2]]
-    pair = _simplest(models.problem, pairs, best)
-    return pair if best.total - pair.total > threshold(models.problem, best) else best
-
-
-def _pruned(models: Models, best: Fit) -> Fit:
-    """The model without effects that add too little to the others."""
-    while len(models.added(best)) > 1:
-        tried = [effect for effect in models.added(best) if effect != expected_in(models.problem)]
-        without = {effect: models.without(best, effect) for effect in tried}
-        weakest = min(without, key=lambda e: without[e].total)
-        if without[weakest].total - best.total > _needed(models, best, weakest):
-            break
-        best = without[weakest]
-    return best
 
 
 def _worth(models: Models, fit: Fit) -> bool:
@@ -229,78 +314,6 @@ def expected_in(problem: Problem) -> str:
     """The effect that takes the place of a term of eq. 14 which these data exclude; else empty."""
     absent = absent_from(problem.motion.ranges)
     return next((name for name, law in CATALOGUE.items() if law.in_place_of in absent), "")
-
-
-# --- whether named effects are real, or stand in for structure of another kind or for chance ---
-
-
-def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
-    """The model without effects that only stand in for structure of another kind.
-
-    The structure that a model leaves is offered to it as free functions. An effect that is real still adds what it
-    did; one that was a proxy of that structure adds little. ``before`` is what the baseline leaves.
-    """
-    settings = models.problem.settings.search
-    fit = _within_range(models, _not_by_chance(models, fit))
-    gain_before = {f.group.key: f.gain for f in before}
-    while fit is not models.base:
-        left = [f for f in leftovers(models.problem, fit) if f.gain > threshold(models.problem, fit)]
-        # what the effects have mostly taken up is their own law in another form, not another structure
-        left = [f for f in left if f.gain > settings.taken_up * gain_before[f.group.key]][:2]
-        if not left:
-            return fit
-        full = _loss_with(models.problem, fit, np.vstack([f.group.rows for f in left]))
-        if full > fit.total:  # together they predict less
-            left = left[:1]
-            full = _loss_with(models.problem, fit, left[0].group.rows)
-        kept: dict[str, float] = {}
-        for effect in models.added(fit):
-            without = models.without(fit, effect)
-            if fit.total < models.problem.settings.rest.unreported * without.total:  # it explains nearly all
-                continue
-            alone = without.total - fit.total
-            # along the hysteresis without the effect: along its own they would have its shape
-            groups = {group.key: group.rows for group in groups_along(models.problem, without)}
-            gained = _loss_with(models.problem, without, np.vstack([groups[f.group.key] for f in left])) - full
-            more = settings.kept / settings.kept_next_to_more if left[0].gain > 1.5 * alone else 1.0
-            kept[effect] = gained / max(alone, 1e-9) * more
-            if gained < threshold(models.problem, fit):
-                kept[effect] = min(kept[effect], 0.0)
-        kept.pop(expected_in(models.problem), None)
-        if not kept:
-            return fit
-        weakest = min(kept, key=lambda e: kept[e])
-        if kept[weakest] > settings.kept:
-            return fit
-        fit = models.without(fit, weakest)
-    return fit
-
-
-def _not_by_chance(models: Models, fit: Fit) -> Fit:
-    """The model without effects that may only follow offsets and factors of the trajectories by chance."""
-    settings = models.problem.settings
-    within = max(2.0 * settings.gain.chi2, 0.5 * threshold(models.problem, fit))
-    for effect in models.added(fit):
-        without = models.without(fit, effect)
-        if gain_within_runs(models.problem, fit, without) < within:
-            if drift_p_value(models.problem, fit, without) > settings.gain.chance:
-                return _not_by_chance(models, without)
-    return fit
-
-
-def _within_range(models: Models, fit: Fit) -> Fit:
-    """The model without effects that end at the edge of their range and show in a few trajectories only.
-
-    An effect that would be more itself beyond what makes sense for it is a proxy of another structure.
-    """
-    room = np.minimum(fit.x - fit.parameters.low, fit.parameters.high - fit.x)
-    at_edge = {slot.effect for i, slot in fit.parameters.items() if slot.logarithmic and room[i] < 1e-3}
-    for effect in models.added(fit):
-        if effect in at_edge:
-            without = models.without(fit, effect)
-            if gain_and_t(without.loo_loss, fit.loo_loss)[1] < models.problem.settings.gain.likely_t:
-                return _within_range(models, without)
-    return fit
 
 
 def _loss_with(problem: Problem, fit: Fit, rows: np.ndarray) -> float:

@@ -29,10 +29,11 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.sysid.certainty import agreement, clearness
-from mrwarp.sysid.elimination import eliminated
 from mrwarp.sysid.jackknife import student, sum_and_error
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, predicted
+from mrwarp.sysid.plant import Listed
+from mrwarp.sysid.search import eliminated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +132,7 @@ def clear_ones(
             clear.append(clearness(own, half, parameters[d.members[0]].usual))
         return clear
 
-    found, rejected = eliminated(found, certainty)
+    found, rejected = eliminated(Listed(), found, certainty)
     return found, rejected, *(fits.get(len(found)) or alone(found))
 
 
@@ -168,7 +169,7 @@ def _certain(
         first, *others = first_of
         return [first_of[first], *(first_of[limb] for limb in others if first and limb)]
 
-    return eliminated(found, certainty, together=of_each_limb)
+    return eliminated(Listed(), found, certainty, together=of_each_limb)
 
 
 def _acting(d: Hypothesis, likelihood: Likelihood, parameters: list[Parameter]) -> np.ndarray:

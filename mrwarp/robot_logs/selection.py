@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -16,10 +17,11 @@ from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood
-from mrwarp.sysid.elimination import eliminated
 from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, one_step
+from mrwarp.sysid.plant import Listed
+from mrwarp.sysid.search import searched
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,16 +202,71 @@ def select(
     Causes that do not recur over windows are taken out again, the least certain first. ``confirmed`` are causes with
     which a fit by the replay needed no other of the same drive.
     """
-    found = _simplest_drive(_forward(likelihood, parameters), likelihood, parameters, confirmed)
+    return searched(RobotSearch(likelihood, parameters, confirmed))
 
-    least = likelihood.settings.robot.recurrence
 
-    def certainty(found: list[Found]) -> list[float]:
+class Standing(NamedTuple):
+    """A hypothesis next to causes that were found."""
+
+    hypothesis: Hypothesis
+    z: float
+    odds: float
+
+
+class RobotSearch(Listed[Found]):
+    """A robot's log as a plant: its models are lists of causes, judged by the marginal likelihood."""
+
+    def __init__(
+        self, likelihood: Likelihood, parameters: Sequence[Parameter], confirmed: Sequence[Hypothesis]
+    ) -> None:
+        self.likelihood, self.parameters, self.confirmed = likelihood, parameters, confirmed
+        self.settings, self.base = likelihood.settings.robot, list[Found]()
+        self.hypotheses = [d for d in hypotheses_of(parameters) if d.cause not in (*ORDINARY, NUISANCE)]
+        self.tests = (self.recurs,)
+
+    def candidates(self, found: list[Found]) -> list[Standing]:
+        """Hypotheses of possible sizes, the likeliest first, if that one is likely enough."""
+        settings, p, free = self.settings, self.parameters, [f.hypothesis for f in found]
+        if len(found) >= settings.most:
+            return []
+        least = np.array([min(p[k].least / abs(p[k].step) for k in d.members) for d in self.hypotheses])
+        joints = np.array([len(d.members) for d in self.hypotheses])
+        now = scores(posterior(self.likelihood, p, free), self.hypotheses, p)
+        share = now.z**2 * self.likelihood.scale / (self.likelihood.samples * joints)
+        allowed = np.array([d not in free and not _spanned(d, free) for d in self.hypotheses])
+        allowed &= _possible(now.size, self.hypotheses, p)
+        odds = np.where(allowed & (np.abs(now.size) >= least) & (share >= settings.share), now.odds, -np.inf)
+        if not odds.max() > settings.odds:
+            return []
+        order = [k for k in np.argsort(-odds, kind="stable") if odds[k] > -np.inf]
+        return [Standing(self.hypotheses[k], float(now.z[k]), float(odds[k])) for k in order]
+
+    def grown(self, found: list[Found], candidates: Sequence[Standing]) -> list[Found]:
+        """The likeliest cause more, with those that would do as well; or a weight on the trunk in its place."""
+        settings, free, best = self.settings, [f.hypothesis for f in found], candidates[0]
+        if payload := _payload(best.hypothesis, free, self.likelihood, self.parameters):
+            return [*found, *payload]
+        now = posterior(self.likelihood, self.parameters, [*free, best.hypothesis])
+        rest = scores(now, [c.hypothesis for c in candidates], self.parameters).odds
+        near = [
+            c.hypothesis
+            for c, left in zip(candidates, rest, strict=True)
+            if c.odds > best.odds - settings.rival_odds
+            and left < settings.odds
+            and c.hypothesis.cause != best.hypothesis.cause
+        ]
+        return [*found, Found(hypothesis=best.hypothesis, z=best.z, alternatives=tuple(near[: settings.rivals]))]
+
+    def settled(self, found: list[Found]) -> list[Found]:
+        """One cause of a drive in place of two; and what the description has wrong in any case."""
+        wrong = _described_wrong(self.likelihood, self.parameters, [f.hypothesis for f in found])
+        return _simplest_drive([*found, *wrong], self.likelihood, self.parameters, self.confirmed)
+
+    def recurs(self, found: list[Found]) -> list[float]:
+        """How certain causes are with windows as the units."""
         free = [f.hypothesis for f in found]
-        now = posterior(likelihood, parameters, free)
-        return [_recurrence(d, now, parameters, free) / least for d in free]
-
-    return eliminated(found, certainty)[0]
+        now = posterior(self.likelihood, self.parameters, free)
+        return [_recurrence(d, now, self.parameters, free) / self.settings.recurrence for d in free]
 
 
 def _simplest_drive(
@@ -315,39 +372,6 @@ def _recurrence(d: Hypothesis, now: Posterior, parameters: Sequence[Parameter], 
     own = mean - common(d, free, now.mean)
     size = abs(own - float(np.clip(own, *p.usual)))
     return float(size / sd) if size - 1.96 * sd >= p.least else 0.0
-
-
-def _forward(likelihood: Likelihood, parameters: Sequence[Parameter]) -> list[Found]:
-    """Forward selection."""
-    hypotheses, found = [d for d in hypotheses_of(parameters) if d.cause not in (*ORDINARY, NUISANCE)], []
-    least = np.array([min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in hypotheses])
-    joints = np.array([len(d.members) for d in hypotheses])
-    settings = likelihood.settings.robot
-    while len(found) < settings.most:
-        free = [f.hypothesis for f in found]
-        now = scores(posterior(likelihood, parameters, free), hypotheses, parameters)
-        share = now.z**2 * likelihood.scale / (likelihood.samples * joints)
-        allowed = np.array([d not in free and not _spanned(d, free) for d in hypotheses])
-        allowed &= _possible(now.size, hypotheses, parameters)
-        odds = np.where(allowed & (np.abs(now.size) >= least) & (share >= settings.share), now.odds, -np.inf)
-        best = int(np.argmax(odds))
-        if not odds[best] > settings.odds:
-            break
-        rest = scores(posterior(likelihood, parameters, [*free, hypotheses[best]]), hypotheses, parameters)
-        near = [
-            k
-            for k in range(len(hypotheses))
-            if odds[k] > odds[best] - settings.rival_odds
-            and rest.odds[k] < settings.odds
-            and hypotheses[k].cause != hypotheses[best].cause
-        ]
-        near.sort(key=lambda k: -odds[k])
-        alternatives = tuple(hypotheses[k] for k in near[: settings.rivals])
-        if payload := _payload(hypotheses[best], free, likelihood, parameters):
-            found += payload
-            continue
-        found.append(Found(hypothesis=hypotheses[best], z=float(now.z[best]), alternatives=alternatives))
-    return found + _described_wrong(likelihood, parameters, [f.hypothesis for f in found])
 
 
 def _payload(

@@ -10,7 +10,7 @@ from mrwarp.diagnose.baseline import fit_baseline
 from mrwarp.diagnose.pipeline import _candidates
 from mrwarp.diagnose.problem import covariance, reported_fit, threshold
 from mrwarp.diagnose.screening import Models
-from mrwarp.diagnose.search import Selection, _within_range, best_single, screen_candidates, select
+from mrwarp.diagnose.search import JointSearch, Selection, best_single, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.parameters import LINEAR
 from mrwarp.recording.load import Recording, Trajectory
@@ -178,8 +178,9 @@ def test_effect_at_the_edge_of_its_range_must_show_in_most_trajectories() -> Non
     inside, edge = fit.x.copy(), fit.x.copy()
     inside[-1] = 0.5 * (fit.parameters.low[-1] + fit.parameters.high[-1])
     edge[-1] = fit.parameters.low[-1]
-    assert _within_range(models, replace(fit, x=inside)).effects == ("cogging",)
-    assert _within_range(models, replace(fit, x=edge)) is selection.base
+    plant = JointSearch(models, selection.screened, [])
+    assert plant.within_range(replace(fit, x=inside)) == [np.inf]
+    assert plant.within_range(replace(fit, x=edge)) == [0.0]
 
 
 def test_there_are_as_many_causes_as_are_hidden() -> None:

@@ -1,35 +1,25 @@
 """The method on a plant whose truth is known in closed form: a spring with friction."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from mrwarp.sysid.certainty import BY_CHANCE, agreement, by_ratio, clearness, gain_and_t, two_sizes
-from mrwarp.sysid.elimination import eliminated, grown
 from mrwarp.sysid.jackknife import effective_count, jackknife, student, sum_and_error
 from mrwarp.sysid.least_squares import ridge_solve
 from mrwarp.sysid.left_out import in_a_row, left_out, one_step, predicted
 from mrwarp.sysid.pieces import Quadratic, about_origin
+from mrwarp.sysid.plant import Listed
+from mrwarp.sysid.search import eliminated, searched
 from mrwarp.sysid.verdict import VERDICTS, Verdict
-from tests.sysid.spring import LAWS, NOISE, ZEROS, Spring
+from tests.sysid.spring import LAWS, NOISE, ZEROS, Spring, SpringPlant
 
 
 def diagnosed(spring: Spring) -> tuple[Verdict, dict[str, tuple[float, float]]]:
-    """The whole method: grow by the left-out loss, take out what pieces do not agree on, intervals by the jackknife."""
-
-    def loss(causes: list[str]) -> np.ndarray:
-        return predicted(spring.pieces(causes))[1]
-
-    def better(causes: list[str]) -> list[str] | None:
-        tried = {name: loss([*causes, name]).sum() for name in LAWS if name not in causes}
-        best = min(tried, key=lambda name: tried[name], default=None)
-        return [*causes, best] if best and loss(causes).sum() - tried[best] > 12.0 else None
-
-    def certainty(causes: list[str]) -> list[float]:
-        rest = [[x for x in causes if x != name] for name in causes]
-        return [agreement(loss(others) - loss(causes)) for others in rest]
-
-    causes, _ = eliminated(grown([], better), certainty)
+    """The whole method: the search of the plant, then intervals by the jackknife."""
+    causes = searched(SpringPlant(spring))
     pieces = spring.pieces(causes)
     sizes, half = ridge_solve(*pieces.sums()), np.zeros(0)
     if causes:
@@ -128,14 +118,42 @@ def test_the_least_certain_goes_first_and_the_others_are_judged_without_it() -> 
         shared = {"b": 0.8} if {"b", "c"} & set(kept) != {"b", "c"} else {}
         return [(merit | shared | ({"b": 1.2} if "c" not in kept else {}))[name] for name in kept]
 
-    assert eliminated("abc", certainty) == (["a", "b"], ["c"])
-    assert eliminated("abc", certainty, together=lambda weakest: weakest) == (["a"], ["c", "b"])
-    assert eliminated("a", lambda kept: [float("nan")]) == ([], ["a"])  # what cannot be judged is not certain
+    assert eliminated(Listed(), list("abc"), certainty) == (["a", "b"], ["c"])
+    assert eliminated(Listed(), list("abc"), certainty, together=lambda weakest: weakest) == (["a"], ["c", "b"])
+    assert eliminated(Listed(), ["a"], lambda kept: [float("nan")]) == (
+        [],
+        ["a"],
+    )  # what cannot be judged is not certain
 
 
-def test_a_search_ends_where_nothing_is_better() -> None:
-    """The state before."""
-    assert grown(0, lambda n: n + 1 if n < 5 else None) == 5
+def test_a_plant_decides_what_is_possible() -> None:
+    """A softer spring, which the search would name, stays out where the plant allows stiffer ones only."""
+    spring = Spring({"softer": -0.1, "coulomb": 0.05})
+    assert set(searched(SpringPlant(spring))) == {"softer", "coulomb"}
+    assert searched(SpringPlant(spring, positive=("softer",))) == ["coulomb"]
+
+
+def test_the_order_of_the_steps_is_that_of_the_method() -> None:
+    """Growing until the plant sees nothing that is worth its place, settling, then each test until all causes pass."""
+    asked: list[str] = []
+
+    class Plant(Listed[int]):
+        base: list[int] = []
+        tests = (lambda model: [1.0 if n != 2 else 0.0 for n in model], lambda model: [float(n != 9) for n in model])
+
+        def candidates(self, model: list[int]) -> list[int]:
+            asked.append(f"beyond {model}")
+            return [len(model) + 1, 7]
+
+        def grown(self, model: list[int], candidates: Sequence[int]) -> list[int] | None:
+            return [*model, candidates[0]] if candidates[0] < 4 else None
+
+        def settled(self, model: list[int]) -> list[int]:
+            asked.append(f"settled {model}")
+            return [*model, 9]
+
+    assert searched(Plant()) == [1, 3]
+    assert asked == ["beyond []", "beyond [1]", "beyond [1, 2]", "beyond [1, 2, 3]", "settled [1, 2, 3]"]
 
 
 def test_gains_of_pieces_are_compared_with_their_scatter() -> None:
