@@ -57,8 +57,8 @@ LAW = EffectLaw(
             scale=(-1, 0, 0),
             negative=False,
             low=lambda r: 3.0 / r.q,
-            # of a joint that turns all the way round: nine samples a period at its typical speed
-            high=lambda r: max(120.0 / r.q, 0.7 / (r.qd * r.dt) if r.turns >= 1.0 else 0.0),
+            # of a joint that turns all the way round: three samples a period at the speed of its slower runs
+            high=lambda r: max(120.0 / r.q, 2.1 / (r.slow * r.dt) if r.turns >= 1.0 else 0.0),
             repeats=True,
             starts=lambda r: tuple((6.0 + 1.6 * k) / r.q for k in range(50)),
         ),

@@ -101,6 +101,8 @@ class Ranges:
     """Whole range of the angle."""
     qd: float = 5.0
     """95th percentile of the speed."""
+    slow: float = 5.0
+    """25th percentile over the runs that move of their 95th percentile of the speed."""
     current: float = 1.5
     """Largest current."""
     torque: float = 1.0

@@ -224,9 +224,13 @@ class Motion(Dataset):
         )
         power = np.abs(data.torque * data.qd)
         power += resistance * data.current**2 * scales.current**2 / (scales.torque * scales.q)
+        speed = np.abs(data.qd)
+        fast = float(np.percentile(speed, 95)) or 1.0
+        of_runs = [float(np.percentile(speed[part], 95)) for part in data.parts]
         ranges = Ranges(
             q=float(np.ptp(data.q)) or 1.0,
-            qd=float(np.percentile(np.abs(data.qd), 95)) or 1.0,
+            qd=fast,
+            slow=float(np.percentile([v for v in of_runs if v > MOVING * fast], 25)) if speed.any() else fast,
             current=float(np.abs(data.current).max()) or 1.0,
             torque=float(data.torque.std()) or 1.0,
             dt=float(np.median(data.dt)),

@@ -21,6 +21,8 @@ _AWAY, _COUNTS = 6.0, 4.0
 """Least distance of a wrong reading from the middle of its neighbours, in the 95th percentile of a run's steps, and in
 its smallest one. The former is 17 standard deviations of white noise; what rests on an encoder's edge goes to and fro
 by one count. The neighbours differ by half as much at most: by the motion."""
+_JUMPS = 3
+"""Most jumps of an angle in a run: what is more frequent is how this joint moves."""
 _WRONG = 0.01
 """Largest share of readings that are replaced: what is more frequent is no exception."""
 _BRIEF = 3
@@ -78,6 +80,43 @@ def without_brief_pulses(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, at
 
 
+def without_jumps(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """An angle that goes on where it was when its reading jumps, as where an encoder slips or is set to zero.
+
+    A jump is longer than every other step of the run, differs from those before and after it by far more than any other
+    does, and is shorter than the run's motion: a joint that rests but for one quick move does not jump.
+
+    Args:
+        t: Time [s], shape (N,); steps over gaps do not count.
+        q: Angle or displacement, shape (N,).
+
+    Returns:
+        The angle, moved back after each jump, and the samples after which it jumps.
+    """
+    none = q, np.empty(0, dtype=int)
+    if len(q) < 4 * _JUMPS:
+        return none
+    long = np.diff(t) / max(float(np.median(np.diff(t))), 1e-300)
+    step = np.pad(np.diff(q) / np.maximum(long, 1.0), 1, mode="edge")  # from sample to sample, where some are missing
+    excess = step[1:-1] - 0.5 * (step[:-2] + step[2:])
+    left, jumps = np.abs(excess), list[int]()
+    for _ in range(_JUMPS):
+        jumps.append(int(left.argmax()))
+        least = np.abs(excess[jumps]).min()
+        left[max(jumps[-1] - 1, 0) : jumps[-1] + 2] = 0.0  # the steps next to it differ from it by as much
+        if least > _AWAY * left.max() > 0.0:
+            break
+    else:
+        return none
+    at = np.sort(jumps)
+    moved = np.zeros(len(q))
+    moved[at + 1] = excess[at]
+    back = q - np.cumsum(moved)
+    size, others = np.abs(step[1:-1])[at], np.abs(np.delete(step[1:-1], at))
+    alone = size.min() > max(_SMOOTH * others.max(), _COUNTS * others[others > 0.0].min(initial=np.inf))
+    return (back, at) if alone and size.max() < np.ptp(back) else none
+
+
 def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
     """Replace single wrong readings of motion and control input in the columns of a run; notes on them."""
     found = []
@@ -98,6 +137,22 @@ def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units)
             )
             found.append(Repair(trajectory=label, kind="replaced", count=len(at), at=where, text=text))
     return found
+
+
+def undo_jumps(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
+    """Move the angle of a run back where it jumps; a note on it."""
+    before = run["q"]
+    run["q"], at = without_jumps(run["t"], before)
+    if not len(at):
+        return []
+    where = tuple(float(t) for t in run["t"][at])
+    by = with_unit(f"{np.abs(np.diff(before - run['q'])).max():.3g}", units.base("q"))
+    text = (
+        f"q jumps {len(at)} times, by up to {by} (after {', '.join(f'{t:.4g}' for t in where)} s), as where an encoder "
+        "slips or is set to zero: it goes on from where it was; mount the encoder firmly; do not trust what depends "
+        "on the place"
+    )
+    return [Repair(trajectory=label, kind="shifted", count=len(at), at=where, text=text)]
 
 
 def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[np.ndarray, int, float]:

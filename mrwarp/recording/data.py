@@ -56,7 +56,7 @@ def is_load(units: Mapping[str, str]) -> bool:
 
 def is_command(current: np.ndarray) -> bool:
     """Whether a control input is a command: it stays as it is from most samples to the next; else it was measured."""
-    return 2 * np.count_nonzero(np.diff(current)) < len(current)
+    return bool(2 * np.count_nonzero(np.diff(current)) < len(current))
 
 
 def true_names(text: str, units: Mapping[str, str]) -> str:

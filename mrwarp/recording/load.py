@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.angle import in_one_turn, integrated, replace_wrong_readings, unwrapped
+from mrwarp.recording.angle import in_one_turn, integrated, replace_wrong_readings, undo_jumps, unwrapped
 from mrwarp.recording.data import (
     COLUMNS,
     DEGREES,
@@ -272,6 +272,7 @@ def _checked_trajectories(
             if wraps:
                 turned = True
                 repairs.append(_unwrapped(label, wraps, period, units))
+            repairs += undo_jumps(label, run, units)
         found, done = _even_parts(table, run, rows, name, label)
         repairs += done
         for own, part in found:

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from mrwarp.effects.cogging import LAW
 from mrwarp.identify.angle_lines import angle_lines
-from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.dataset import Dataset, Motion, Scales
+from mrwarp.recording.load import Recording, Trajectory
 
 
 def turning(repeats: dict[float, float], noise: float = 0.3) -> Dataset:
@@ -34,3 +36,18 @@ def test_a_line_whose_size_drifts_is_one() -> None:
     data = turning({72.0: 1.0, 18.0: 0.2})
     fades = (data.torque - 2.0) * np.tile(np.linspace(2.0, 0.0, len(data.q) // 2), 2)
     assert angle_lines(data, fades, 0.1, 100.0, count=2) == pytest.approx([72.0, 18.0], abs=0.01)
+
+
+def test_a_line_that_the_fast_runs_see_too_rarely_is_found_by_the_slow_ones() -> None:
+    """42 per turn at 3 to 12 rad/s, logged at 100 Hz: five samples a period in the slow runs, 1.2 in the fast ones."""
+    rng, runs = np.random.default_rng(4), []
+    for k, speed in enumerate((3.0, 5.0, 8.0, 12.0, -3.0, -5.0, -8.0, -12.0)):
+        t = np.arange(700) * 0.01
+        q = speed * t + rng.uniform(0.0, 6.0)
+        torque = 0.25 * np.sign(speed) + 0.05 * np.sin(42.0 * q) + 0.01 * rng.normal(size=700)
+        qd = np.full(700, speed) + 0.01 * rng.normal(size=700)
+        runs.append(Trajectory(id=f"run {k}", t=t, q=q, qd=qd, current=np.zeros(700), torque=torque))
+    motion = Motion.of(Recording(trajectories=tuple(runs)))
+    periods = next(p for p in LAW.parameters if p.name == "periods")
+    low, high = periods.low(motion.ranges), periods.high(motion.ranges)
+    assert angle_lines(motion, motion.torque, low, high)[0] / motion.scales.q == pytest.approx(42.0, abs=0.01)

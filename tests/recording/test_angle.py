@@ -12,7 +12,7 @@ from mrwarp import cli
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.identify.fit import made_motion
 from mrwarp.identify.kinematics import reconstruct
-from mrwarp.recording.angle import unwrapped, without_brief_pulses, without_wrong_readings
+from mrwarp.recording.angle import unwrapped, without_brief_pulses, without_jumps, without_wrong_readings
 from mrwarp.recording.load import RecordingError, load_recording, save_recording
 from tests.recording.recordings import columns, write
 
@@ -91,6 +91,23 @@ def test_single_wrong_readings_are_replaced(tmp_path: Path, capsys: pytest.Captu
     np.testing.assert_allclose(run.q - run.q[0], data["q"] - data["q"][0], atol=8.2 * (np.pi * 0.005) ** 2 / 2.0 + 1e-9)
     assert run.qd_half == 2 and cli.main(["check", str(tmp_path / "a.csv")]) == 0
     assert "come back at once" in capsys.readouterr().out
+
+
+def test_an_angle_that_jumps_goes_on_from_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An encoder that slips twice by 0.2 and -0.35 rad; quick motion, one move of a resting joint, noise stay."""
+    data = _swing()
+    slip = 0.2 * (np.arange(800) > 240) - 0.35 * (np.arange(800) > 600)
+    recording = load_recording(write(tmp_path / "a.csv", {**data, "q": 0.3 * data["q"] + slip}))
+    (run,), (repair,) = recording.trajectories, recording.repairs
+    assert repair.kind == "shifted" and repair.at == pytest.approx(tuple(data["t"][[240, 600]]))
+    # each jump leaves what the step differs from the mean of its neighbours: 0.3*8.2*(pi*dt)**3/2
+    np.testing.assert_allclose(run.q, 0.3 * data["q"], atol=0.3 * 8.2 * (np.pi * 0.005) ** 3 + 1e-9)
+    assert cli.main(["check", str(tmp_path / "a.csv")]) == 0 and "q jumps 2 times" in capsys.readouterr().out
+    t, rng = data["t"], np.random.default_rng(7)
+    moved = 1.0 * (t > 2.0) + 0.001 * rng.normal(size=800)
+    jerk = np.where((t > 2.0) & (t < 2.1), 0.4 * np.sin(10.0 * np.pi * (t - 2.0)), 0.0)
+    for q in (moved, jerk, np.zeros(800), np.round(data["q"], 1), rng.normal(size=800), np.sign(np.sin(t))):
+        assert without_jumps(t, q)[0] is q
 
 
 def test_single_wrong_samples_of_a_command_are_replaced(tmp_path: Path) -> None:
