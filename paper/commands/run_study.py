@@ -222,7 +222,7 @@ class Quality(Evaluation):
 
     out: opt.Folder = Path("runs/quality")
     """output folder"""
-    plants: Annotated[tuple[str, ...], opt.some_of((*PLANTS, PUBLIC))] = (*PLANTS, PUBLIC)
+    plants: Annotated[tuple[str, ...], opt.some_of(TRAINABLE)] = (*PLANTS, PUBLIC)
     """trainings"""
 
     def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:

@@ -49,11 +49,14 @@ HEIGHT = -300.0
 straighter legs, and one with soft motors may sag."""
 
 TILT = -100.0
-"""Weight of the tilt in the trainings of the paper's tables: with the usual -3, a lean of 4 degrees costs 0.015 of a
+"""Weight of the tilt in all trainings of the paper's tables: with the usual -3, a lean of 4 degrees costs 0.015 of a
 reward of 4 and stays; with this, it costs half a unit."""
 
 LOAD = (-0.5, 3.5)
 """Mass added to the trunk there [kg]: tables 6 and 7 are walked with 0 and 3 kg."""
+
+WALKERS = {"go1": CONVENTIONAL, **dict.fromkeys(("mr_go", "mr_go_sal", EXPLICIT), "bouc_wen")}
+"""The plants of tables 2 and 3 with whose policies the robots of tables 6 and 7 begin: they walk, and know no price."""
 
 HIGH_PRICE = POLICIES / "energy_high_price"
 """Shipped policies of these robots, trained with :data:`HIGH_POWER_PRICE`."""
@@ -117,8 +120,13 @@ def name(plant: str, seed: int) -> str:
 
 
 def start_file(folder: Path, plant: str, seed: int) -> Path:
-    """File that a training begins with: the checkpoint of its run there, with the critic, or else its policy."""
+    """File that a training begins with: the checkpoint of its run there, with the critic, or else its policy.
+
+    A robot that pays for power begins with :data:`WALKERS` where the folder has none of its own.
+    """
     run = folder / name(plant, seed) / "checkpoint.pt"
+    if plant in WALKERS and not run.is_file() and not (folder / f"{name(plant, seed)}.onnx").is_file():
+        plant = WALKERS[plant]
     return run if run.is_file() else policy_file(folder, plant, seed)
 
 
@@ -164,8 +172,8 @@ def plant_cfg(
         coupling=(Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT) if paying else coupling,
         z_step=ZStep.EULER,
     )
+    cfg = replace(cfg, rewards=cfg.rewards.weighing(tilt=TILT))
     if not paying:
-        cfg = replace(cfg, rewards=cfg.rewards.weighing(tilt=TILT))
         return replace(cfg, gains=PUBLIC_GAINS, rewards=cfg.rewards.weighing(height=HEIGHT)) if plant == PUBLIC else cfg
     return replace(
         cfg,

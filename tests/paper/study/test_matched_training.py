@@ -16,6 +16,7 @@ from mrwarp.env.cfg import make_play_cfg
 from mrwarp.env.config.mdp_cfg import RandomizeCfg, RewardCfg, make_randomize_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import ROBOTS
+from mrwarp.resources import ENERGY
 from mrwarp.rl.policy import POLICIES, OnnxPolicy, PolicyError
 from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.run_dir import claim
@@ -27,15 +28,18 @@ from paper.study.plan import (
     CONVENTIONAL,
     EXPLICIT,
     HEIGHT,
+    PAYING,
     PLANTS,
     POWER_PRICE,
     PUBLIC,
     STUDY,
+    TILT,
     StudyCfg,
     name,
     plant_cfg,
     policy_file,
     record_file,
+    start_file,
 )
 
 pytestmark = pytest.mark.usefixtures("short_gate")
@@ -61,9 +65,8 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
     cfgs = [plant_cfg(robot, randomize="all") for robot in ROBOTS]
     for shared in ("commands", "noise", "randomize", "rewards", "currents", "action_scale", "gait_frequency"):
         assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
-    assert cfgs[0].rewards == RewardCfg(weights={"power": -POWER_PRICE, "height": HEIGHT}) and cfgs[0].currents == (
-        1.5,
-    )
+    assert cfgs[0].rewards == RewardCfg(weights={"power": -POWER_PRICE, "height": HEIGHT, "tilt": TILT})
+    assert cfgs[0].currents == (1.5,)
     assert cfgs[0].randomize == RandomizeCfg(added_mass=(-0.5, 3.5))
     assert [(cfg.robot, cfg.actuator, cfg.sal) for cfg in cfgs] == [
         ("go1", "none", False),
@@ -119,6 +122,9 @@ def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
     for other in (None, tmp_path / "policies"):
         with pytest.raises(RunError, match=r"started from .*policies/study/conventional_seed1\.onnx \(update 800\)"):
             train(replace(cfg, start_from=other), tmp_path / "runs", report=lambda line: None)
+    begins = {robot: start_file(STUDY, robot, 1).name for robot in PAYING}
+    assert begins == {"go1": "conventional_seed1.onnx", **dict.fromkeys(list(begins)[1:], "bouc_wen_seed1.onnx")}
+    assert start_file(ENERGY, "mr_go", 1) == policy_file(ENERGY, "mr_go", 1), "its own comes first"
     with pytest.raises(PolicyError, match="no such policy"):
         train(replace(cfg, start_from=tmp_path), tmp_path / "others", report=lambda line: None)
     assert not (tmp_path / "others").exists()
