@@ -107,6 +107,11 @@ def gaps(recording: Recording) -> list[str]:
             "the angle was not logged but integrated from the velocity: it begins at 0 in each run and may drift, so "
             "what depends on the place (stiffness, cogging, friction over the angle) is not certain; log the angle"
         )
+    if recording.one_way:
+        found.append(
+            "the joint moves one way only: its friction and an offset of the torque are one number; record motion "
+            "both ways"
+        )
     if recording.units["current"] == NO_INPUT:
         pass  # there is none to be changed
     elif len(levels) == 1:

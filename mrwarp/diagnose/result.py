@@ -231,9 +231,10 @@ class Diagnosis:
     def dry_friction(self) -> Value | None:
         """Torque at which a law in eq. 15's place slides, where no control input changes it: Coulomb friction.
 
-        None also where it is not known to its own size, as of a joint of one speed: viscous friction does as well.
+        None also where it is not known to its own size, as of a joint of one speed: viscous friction does as well; and
+        of a joint that moves one way only: an offset of the torque's zero does as well.
         """
-        none = not any(run.current.any() for run in self.recording.trajectories)
+        none = not any(run.current.any() for run in self.recording.trajectories) and not self.recording.one_way
         if self.law is None or not self.law.other or self.model is None or not none:
             return None
         slides = self.model.parameters["K0"]  # per unit of h, whose bound is 1

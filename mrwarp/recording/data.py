@@ -168,6 +168,12 @@ class Recording:
         return sum(len(trajectory.t) for trajectory in self.trajectories)
 
     @property
+    def one_way(self) -> bool:
+        """Whether no trajectory goes the other way than the others: less than a hundredth of what it goes."""
+        ways = np.array([[run.qd.clip(0.0).sum(), -run.qd.clip(max=0.0).sum()] for run in self.trajectories])
+        return bool(ways.sum(axis=0).min() < 0.01 * ways.sum())
+
+    @property
     def current_range(self) -> tuple[float, float]:
         """Smallest and largest current, in size [unit of the current]."""
         sizes = [np.abs(trajectory.current) for trajectory in self.trajectories]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.result import Diagnosis
@@ -92,4 +93,9 @@ def test_an_inertia_makes_no_other_law() -> None:
     without = replace(found, model=replace(found.model, parameters={**found.model.parameters, "K0": unknown}))
     assert without.dry_friction is None and "slides at" not in sentence_of(without)
     assert "coulomb_friction" not in without.to_dict()["law"]
+    # nor of a shaft that turns one way only: an offset of the torque's zero does as well
+    runs = tuple(replace(run, qd=np.abs(run.qd)) for run in found.recording.trajectories)
+    shaft = replace(found, recording=replace(found.recording, trajectories=runs))
+    assert shaft.dry_friction is None and any("one way only" in text for text in gaps(shaft.recording))
+    assert not any("one way only" in text for text in found.cannot_know)
     assert found.extended.nrmse < 0.2 and found.unexplained is None
