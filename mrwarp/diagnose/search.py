@@ -18,7 +18,7 @@ from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import absent_from
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import gain_and_t
-from mrwarp.sysid.search import eliminated, searched
+from mrwarp.sysid.stepwise import eliminated, searched
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,7 @@ from mrwarp.sysid.jackknife import student, sum_and_error
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, predicted
 from mrwarp.sysid.plant import Listed
-from mrwarp.sysid.search import eliminated
+from mrwarp.sysid.stepwise import eliminated
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, one_step
 from mrwarp.sysid.plant import Listed
-from mrwarp.sysid.search import searched
+from mrwarp.sysid.stepwise import searched
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ The files read in this order:
 * :mod:`~mrwarp.sysid.left_out`: each piece predicted by the others;
 * :mod:`~mrwarp.sysid.jackknife`: intervals with pieces as the units of chance;
 * :mod:`~mrwarp.sysid.plant`: what the method asks of a plant;
-* :mod:`~mrwarp.sysid.search`: a set of causes grown, and what is not certain taken out of it;
+* :mod:`~mrwarp.sysid.stepwise`: a set of causes grown, and what is not certain taken out of it;
 * :mod:`~mrwarp.sysid.certainty`: tests that a cause must pass before it is named;
 * :mod:`~mrwarp.sysid.verdict`: the answer.
 

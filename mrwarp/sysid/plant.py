@@ -1,4 +1,4 @@
-"""What the method asks of a plant. What answers this is searched by :mod:`mrwarp.sysid.search`, be it joint or robot.
+"""What the method asks of a plant. What answers this is searched by :mod:`mrwarp.sysid.stepwise`, be it joint or robot.
 
 A *model* is the plant with the causes that it names, at its best numbers; how these are fitted is the plant's matter.
 """

@@ -12,7 +12,7 @@ from mrwarp.sysid.least_squares import ridge_solve
 from mrwarp.sysid.left_out import in_a_row, left_out, one_step, predicted
 from mrwarp.sysid.pieces import Quadratic, about_origin
 from mrwarp.sysid.plant import Listed
-from mrwarp.sysid.search import eliminated, searched
+from mrwarp.sysid.stepwise import eliminated, searched
 from mrwarp.sysid.verdict import VERDICTS, Verdict
 from tests.sysid.spring import LAWS, NOISE, ZEROS, Spring, SpringPlant
 
