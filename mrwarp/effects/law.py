@@ -251,7 +251,7 @@ class EffectLaw:
     positive: str = ""
     """Why its first number can only be above 0; empty where it may have either sign."""
     needs: Literal["", "change", "command", "field", "alpha", "stroke"] = ""
-    """What there is no such effect without: a control input that changes, or a changing command that can lag, or the
+    """Without which there is no such effect: a control input that changes, or a changing command that can lag, or the
     current of a magnetic field; alpha of eq. 14, which no other law has; or a stroke with ends."""
     unseen: str = ""
     """Why a recording shows it at no size, where that is a matter of its control input."""

@@ -63,7 +63,7 @@ EPOCH = 1e8
 """Time [s] from which stamps count from 1970, not from the start of a recording: three years."""
 
 _STAMPS = (("ms", 1e3, "milliseconds"), ("us", 1e6, "microseconds"), ("ns", 1e9, "nanoseconds"))
-"""Units that stamps more than 1 s apart are likely in: their number in a second, which is the longest interval."""
+"""Likely units of stamps with steps of more than 1 s: their number in a second, which is the longest interval."""
 
 LARGEST = 1e20
 """Largest number that is taken for a reading in any unit: nanoseconds since 1970 are 2e18."""

@@ -1,4 +1,6 @@
-"""What the method asks of a plant. What answers this is searched by :mod:`mrwarp.sysid.stepwise`, be it joint or robot.
+"""Questions that the method asks of a plant, be it joint or robot.
+
+A class that answers them is searched by :mod:`mrwarp.sysid.stepwise`.
 
 A *model* is the plant with the causes that it names, at its best numbers; how these are fitted is the plant's matter.
 """
@@ -29,7 +31,7 @@ class Named(Protocol[Model, Cause]):
 
 
 class Plant(Named[Model, Cause], Protocol[Model, Candidate, Cause]):
-    """What may be wrong with a plant, and what a cause has to give."""
+    """Possible faults of a plant, and the tests of a cause."""
 
     @property
     def base(self) -> Model:
@@ -45,12 +47,12 @@ class Plant(Named[Model, Cause], Protocol[Model, Candidate, Cause]):
         ...
 
     def settled(self, model: Model, /) -> Model:
-        """What a plant makes of the causes once all are found, such as one in place of two that say as much."""
+        """The causes as the plant reads them once all are found, such as one in place of two that say as much."""
         ...
 
     @property
     def tests(self) -> Sequence[Certainty[Model]]:
-        """What each cause of a model has to pass next to the others, one test after the other."""
+        """Tests that each cause of a model has to pass next to the others, one after the other."""
         ...
 
 

@@ -228,7 +228,7 @@ def test_jitter_of_a_quarter_of_an_interval_loses_no_samples(tick: float | None)
     t = np.arange(n) * 2e-3 + stray
     (piece,), _ = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": np.zeros(n)})
     assert np.mean(np.diff(piece.columns["t"])) == pytest.approx(2e-3, rel=1e-3) and piece.filled <= 1
-    # between two samples, at most 3 ms apart, a line misses a sine by (w*dt)^2/8
+    # between two samples, at a distance of at most 3 ms, a line misses a sine by (w*dt)^2/8
     assert np.abs(piece.columns["q"] - np.sin(7.0 * piece.columns["t"])).max() < (7.0 * 3e-3) ** 2 / 8.0
 
 
