@@ -1,12 +1,14 @@
 """How long commands take to start: ``python -m benchmarks.start`` prints a table of their processor time.
 
 The unit is the processor time of ``import numpy`` in the same run, so that figures of two machines can be compared.
-Children count too. Each command runs once before it is timed: Warp's kernels and converted robots are kept in caches.
+Children count too. Each command runs once before it is timed: compiled modules, Warp's kernels and converted robots are
+kept in caches.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -32,6 +34,9 @@ class Start:
     code: int = 0
     """Its exit code."""
 
+
+UNCOMPILED = "PYTHONDONTWRITEBYTECODE"
+"""Left out of the commands' environment: Python keeps compiled modules unless it is set, as in containers."""
 
 STARTS = {
     "help": Start(words=("play", "--help"), limit=4.0),
@@ -63,8 +68,9 @@ def processor_time(words: list[str], folder: Path, code: int = 0) -> float:
     Raises:
         RuntimeError: it ends with another exit code.
     """
+    env = {name: value for name, value in os.environ.items() if name != UNCOMPILED}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, check=False)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode != code:
         raise RuntimeError(f"{' '.join(words)} ended with {done.returncode}: {done.stdout[-500:]}{done.stderr[-500:]}")
