@@ -29,7 +29,7 @@ class Start:
     words: tuple[str, ...]
     """Its words after ``mrwarp``."""
     limit: float
-    """Most processor time, in units of ``import numpy``: twice what was measured, since machines
+    """Most processor time, in units of ``import numpy``: two to three times what was measured, since machines
     differ. Which engines are loaded is tested by name."""
     code: int = 0
     """Its exit code."""
