@@ -87,7 +87,7 @@ def without_jumps(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     does, and is shorter than the run's motion: a joint that rests but for one quick move does not jump.
 
     Args:
-        t: Time [s], shape (N,); steps over gaps do not count.
+        t: Time [s], shape (N,); a step over missing samples counts as the mean change from one to the next.
         q: Angle or displacement, shape (N,).
 
     Returns:

@@ -10,9 +10,7 @@ from mrwarp.recording.angle import without_wrong_readings
 from mrwarp.recording.data import NO_INPUT, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
 from mrwarp.recording.load import TURNS, Recording, derivative_ratio, turns
-
-_SPIKES = 0.05
-"""Largest share of the torque's samples that are spikes: what is more frequent is no exception."""
+from mrwarp.sysid.settings import Spikes
 
 
 def describe(recording: Recording, verdict: str = "good") -> list[str]:
@@ -92,7 +90,7 @@ def notes(recording: Recording) -> list[str]:
             f"qd is not the derivative of q in {len(odd)} trajectories, e.g. {odd[0]!r}; if qd is not to be trusted, "
             "leave its column out and it is derived from q"
         )
-    spikes = [len(without_wrong_readings(run.torque, most=_SPIKES)[1]) for run in runs]
+    spikes = [len(without_wrong_readings(run.torque, most=Spikes.most)[1]) for run in runs]
     if any(spikes):
         torque, worst = quantity("torque", recording.units), runs[int(np.argmax(spikes))].id
         found.append(
