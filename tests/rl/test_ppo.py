@@ -10,7 +10,8 @@ from rsl_rl import algorithms
 from rsl_rl.modules import MLP
 from tensordict import TensorDict
 
-from mrwarp.rl.ppo import PPO, NetGradient, linear_layers, output
+from mrwarp.rl.net_gradient import NetGradient, linear_layers, output
+from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, make_ppo_cfg
 from mrwarp.runtime import one_torch_thread, silent
 from tests.rl.test_trainer import assert_same_bits
