@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robot_levels import HealthyLog, healthy_log, same_place
-from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
@@ -33,6 +32,7 @@ from mrwarp.robot_logs.virtual.hidden_effects import Places, parse_all
 from mrwarp.robot_logs.virtual.record_log import FallError, LogCfg, record
 from mrwarp.run_dir import write_result
 from mrwarp.runtime import check_device, quiet_libraries, text_table
+from mrwarp.sysid.verdict import Value
 
 FAMILIES = ("healthy", "single", "pair", "outside", "proposed")
 

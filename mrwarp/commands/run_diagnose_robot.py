@@ -80,8 +80,8 @@ class DiagnoseRobot(opt.LogOptions, DiagnoseOptions):
             with undisturbed():
                 self.clear(log_pictures.NAMES)
                 names, notes = write_extended(d, self.out)
-                d = replace(d, notes=(*d.notes, *notes))
-                d.write(self.out, str(line), extras, seed=self.seed, model_name="model.json")
+                d = replace(d, seed=self.seed, notes=(*d.notes, *notes))
+                d.write(self.out, str(line), extras, model_name="model.json")
                 written[:] = ["result.json", *names]
             progress("pictures")
             compared = compare(d)
@@ -97,7 +97,7 @@ class DiagnoseRobot(opt.LogOptions, DiagnoseOptions):
         with undisturbed():
             self.write_page(page, pictures)
             if notes:
-                d.write(self.out, str(line), extras, seed=self.seed, model_name="model.json")
+                d.write(self.out, str(line), extras, model_name="model.json")
         progress.done()
         print("\n".join(lines(d)))
         if walked:
@@ -132,7 +132,7 @@ class DiagnoseRobot(opt.LogOptions, DiagnoseOptions):
 
         with undisturbed():
             self.clear(NAMES, [name for name in WRITTEN if not _same_file(self.out / name, early.model.path)])
-            early.write(self.out, str(line), seed=self.seed)
+            replace(early, seed=self.seed).write(self.out, str(line))
 
 
 def _same_file(a: Path, b: Path) -> bool:

@@ -12,6 +12,7 @@ from mrwarp.identify.contradictions import contradictions
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
 from mrwarp.sysid.settings import Gain, Settings
+from mrwarp.sysid.verdict import Error, NextExperiment
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.held_out import HeldOut
@@ -55,7 +56,7 @@ def no_verdict_reasons(recording: Recording, settings: Settings | None = None) -
 
 def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:
     """The result for data that cannot carry a verdict: why, and the recording to make."""
-    from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment  # `mrwarp check` does without
+    from mrwarp.diagnose.result import Diagnosis  # `mrwarp check` does without
 
     nothing = Error(rmse=float("nan"), nrmse=float("nan"), unit=recording.units["torque"])
     to_make = reasons[0].rsplit("; ", 1)[-1] if "; " in reasons[0] else STANDARD

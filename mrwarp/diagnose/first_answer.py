@@ -13,26 +13,14 @@ from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.law_choice import may_follow_another_law
 from mrwarp.diagnose.problem import Fit, Problem, threshold
 from mrwarp.diagnose.proof import would_be_negative
-from mrwarp.diagnose.result import Accounting, Diagnosis, Error, Suspect, Value
+from mrwarp.diagnose.result import Accounting, Diagnosis
 from mrwarp.diagnose.screening import Candidate
 from mrwarp.diagnose.verdict_text import either, measured, title
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.parameters import factor_of
 from mrwarp.model_file import effect_unit
 from mrwarp.recording.load import Recording
-
-NOT_CHECKED = "a first look only: nothing was checked"
-"""Why no candidate of a first answer is a cause."""
-
-
-def likely(what: str) -> str:
-    """The sentence of a first answer."""
-    return f"Likely: {what}; not checked."
-
-
-def being_checked(sentence: str) -> str:
-    """The line that says so while it is checked."""
-    return sentence.replace("Likely", "likely", 1).replace("; not checked.", "; checking")
+from mrwarp.sysid.verdict import NOT_CHECKED, Error, Suspect, Value, likely
 
 
 def first_answer(

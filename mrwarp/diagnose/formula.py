@@ -12,7 +12,8 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from mrwarp.diagnose.result import Traces, Unexplained
+from mrwarp.diagnose.result import Traces
+from mrwarp.sysid.verdict import Unexplained
 
 _CELLS = {1: 60, 2: 18, 3: 8}
 """Cells along each variable, by the number of variables."""

@@ -15,7 +15,6 @@ import numpy as np
 
 from mrwarp.diagnose.lag_or_delay import DELAY, LAG
 from mrwarp.diagnose.problem import Fit, Problem, drifts, threshold
-from mrwarp.diagnose.result import NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import measured, quantity
 from mrwarp.effects.law import EffectParameter, Ranges
@@ -28,6 +27,7 @@ from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.data import NO_INPUT
 from mrwarp.sysid.least_squares import Rules, minimise, ridge_solve
 from mrwarp.sysid.pieces import Quadratic
+from mrwarp.sysid.verdict import NextExperiment
 
 _SLAB = 24
 """Sizes whose signals share one table."""

@@ -24,7 +24,7 @@ from mrwarp.diagnose.checks.recording_faults import RecordingFault, recording_fa
 from mrwarp.diagnose.checks.spikes import Spikes, spikes_of
 from mrwarp.diagnose.data_checks import no_verdict_reasons, rejections, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
-from mrwarp.diagnose.first_answer import being_checked, first_answer
+from mrwarp.diagnose.first_answer import first_answer
 from mrwarp.diagnose.held_out import Account, HeldOut, account_of, hold_out, not_predicted
 from mrwarp.diagnose.law_choice import LawChoice, choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
@@ -41,6 +41,7 @@ from mrwarp.identify.projection import Progress
 from mrwarp.model_file import Model, Parameter, completed, parameter_unit, stated
 from mrwarp.recording.load import Holding, Recording
 from mrwarp.sysid.settings import Settings
+from mrwarp.sysid.verdict import being_checked
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load

@@ -1,11 +1,10 @@
-"""The result of a diagnosis: typed data, from which the report and ``result.json`` are written."""
+"""The result of a joint's diagnosis: the answer of any plant, and what a joint has in addition."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,46 +16,7 @@ from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
-from mrwarp.run_dir import write_result
-from mrwarp.sysid.verdict import Verdict
-
-
-@dataclass(frozen=True, kw_only=True)
-class Value:
-    """A number with its 95 % interval and unit."""
-
-    value: float
-    ci95: tuple[float, float]
-    unit: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cause:
-    """A named effect."""
-
-    name: str
-    parameters: Mapping[str, Value]
-    p_value: float
-    """Chance that noise alone would give as much, after looking at every candidate."""
-    alternatives: tuple[str, ...]
-    """Effects that these data cannot distinguish from it."""
-    gain: float
-    """Reduction of the held-out squared mismatch that is this effect's alone [1]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Suspect:
-    """An effect that fits, but is not proven: no cause, and no part of the extended model."""
-
-    name: str
-    reason: str
-    """The missing part of a proof."""
-    parameters: Mapping[str, Value]
-    """Its numbers where it was found."""
-    gain: float
-    """Reduction of the squared mismatch where it was found [1]."""
-    possible: bool = True
-    """False: no device has it with this sign or size; a report shows it with what was tried only."""
+from mrwarp.sysid.verdict import Answer, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,19 +25,6 @@ class Shift(Value):
 
     name: str
     alternatives: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Unexplained:
-    """Structure that no effect of the catalogue explains."""
-
-    depends_on: tuple[str, ...]
-    """Variables, the clearest first."""
-    form: str
-    """How it depends on them, in words."""
-    share: float
-    """Its part of all that could be predicted beyond eqs. 14 and 15 [1]."""
-    formula: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,43 +43,15 @@ class Tried:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Error:
-    """RMS of measured minus predicted torque, each trajectory predicted by a fit to the others.
-
-    All samples count equally but those at which nobody knows the state of the joint: the first of a trajectory, until
-    the unknown stress at its start is forgotten, and the edges of rests.
-    """
-
-    rmse: float
-    nrmse: float
-    """rmse over the standard deviation of the measured torque."""
-    unit: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class Gain:
     """Gain of the extension on trajectories that took no part in fitting it."""
 
     rmse_reduction: float
-    """1 - rmse(extended)/rmse(baseline), of the errors that :class:`Error` defines [1]."""
+    """1 - rmse(extended)/rmse(baseline), of the errors that :class:`Diagnosis` defines [1]."""
     ci95: tuple[float, float]
     held_out: tuple[str, ...]
     per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """RMSE of baseline and extension for hold, slip, reversal, current step; units of the recording."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NextExperiment:
-    """A recording that would settle what this one leaves open."""
-
-    what: str
-    """The experiment in one sentence."""
-    seconds: float
-    separates: tuple[str, ...]
-    """Effects that it separates, or shows."""
-    kind: str
-    """Name of the standard experiment."""
-    settings: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,32 +99,21 @@ REGIMES = ("hold", "slip", "reversal", "current step")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diagnosis:
-    """The result of :func:`mrwarp.diagnose.pipeline.diagnose`."""
+class Diagnosis(Answer):
+    """The result of :func:`mrwarp.diagnose.pipeline.diagnose`.
 
-    verdict: Verdict | None
-    """None: the data cannot carry a verdict; ``cannot_know`` says why."""
-    sentence: str
-    final: bool = True
-    """False: a first answer, whose suspects are what looks likeliest; nothing is checked, and there is no model."""
+    Errors are RMS of torque. All samples count equally but those at which nobody knows the state of the joint: the
+    first of a trajectory, until the unknown stress at its start is forgotten, and the edges of rests.
+    """
+
     law: LawChoice | None = None
     """The hysteresis law of the baseline and what it was compared with; None: no comparison was needed."""
     recording_faults: tuple[RecordingFault, ...] = ()
     """Faults of the recording itself, taken out before anything else was asked."""
-    causes: tuple[Cause, ...] = ()
-    suspects: tuple[Suspect, ...] = ()
     parameter_shift: tuple[Shift, ...] = ()
-    unexplained: Unexplained | None = None
-    detectable: Mapping[str, Value] = field(default_factory=dict)
-    """Smallest size of each effect that these data would have shown; effects missing here are invisible in them."""
     invisible: Mapping[str, str] = field(default_factory=dict)
     """Effects that no size would show in these data, and why."""
-    cannot_know: tuple[str, ...]
-    """Questions that these data cannot answer, each with the recording to make."""
-    baseline: Error
-    extended: Error
     gain: Gain | None = None
-    next_experiment: NextExperiment | None = None
     tried: tuple[Tried, ...] = ()
     account: Account | None = None
     """Shifts with intervals, and their evidence."""
@@ -215,7 +123,6 @@ class Diagnosis:
     per_trajectory: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """RMSE of baseline and extension, of the same errors; so is that per regime."""
     per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
     model: Model | None = None
     """The extended model."""
     baseline_model: Model | None = None
@@ -224,8 +131,6 @@ class Diagnosis:
     traces: Traces | None = None
     predictor: Predictor | None = None
     """Baseline and extended model, for other recordings of the device."""
-    seconds: float
-    seed: int
 
     @property
     def dry_friction(self) -> Value | None:
@@ -257,25 +162,22 @@ class Diagnosis:
         return rms(self.predictor.torque(recording)[model] - np.concatenate([x.torque for x in recording.trajectories]))
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures of ``result.json``; an interval that the data do not give holds infinities, written as null."""
+        """The figures of ``result.json``, with those of a joint."""
         gain = {"rmse_reduction": None, "ci95": (None, None), "held_out": (), "per_regime": {}}
         if self.gain is not None:
             gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
-        plain = ("verdict", "final", "seconds", "sentence", "cannot_know", "invisible", "notes")
-        rows = ("recording_faults", "causes", "suspects", "parameter_shift", "tried")
-        parts = ("unexplained", "baseline", "next_experiment", "accounting")
         account = None
         if self.account is not None:
             account = {name: x for name, x in asdict(self.account).items() if name != "unreported"}
-        return {
-            **{name: getattr(self, name) for name in plain},
-            **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
+        rows = ("recording_faults", "parameter_shift", "tried")
+        return super().to_dict() | {
+            "invisible": self.invisible,
+            "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
+            "accounting": asdict(self.accounting),
             **{name: [asdict(row) for row in getattr(self, name)] for name in rows},
             **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
             "account": account,
             "law": self._law(),
-            "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
-            "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
             "gain": gain,
             "spikes": {name: getattr(self.spikes, name) for name in _COUNTED} if self.spikes else None,
             "noise_rms": self.traces.noise_rms if self.traces else None,
@@ -288,14 +190,6 @@ class Diagnosis:
             return None
         dry = {"coulomb_friction": asdict(self.dry_friction)} if self.dry_friction else {}
         return asdict(self.law) | {"title": self.law.title, "error": self.law.error} | dry
-
-    def write(self, out: Path, command: str, extras: Mapping[str, Any] | None = None, *, model_name: str = "") -> Path:
-        """Write ``result.json`` atomically into a folder, which is made if it is not there.
-
-        ``extras`` holds further results, such as those of ``--predict``, ``model_name`` the extended model's file.
-        """
-        figures = self.to_dict() | dict(extras or {}) | {"model": model_name or None}
-        return write_result(out, figures, seed=self.seed, command=command)
 
 
 _COUNTED = ("samples", "share", "of_squared_mismatch", "per_trajectory")

@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from mrwarp.diagnose.held_out import Account
-from mrwarp.diagnose.result import Cause, Diagnosis, Value
+from mrwarp.diagnose.result import Diagnosis
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.recording.data import quantity, true_names
+from mrwarp.sysid.verdict import Cause, Value
 
 _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
     "s": ((0.0, 1e3, "ms"), (1.0, 1.0, "s"), (600.0, 1.0 / 60.0, "min")),

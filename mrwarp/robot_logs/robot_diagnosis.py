@@ -12,8 +12,6 @@ import numpy as np
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked, likely
-from mrwarp.diagnose.result import Error, Suspect, Unexplained, Value
 from mrwarp.robot_logs.causes.of_ground import TORQUE_SCALE
 from mrwarp.robot_logs.causes.of_timing import OWN_DELAY
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
@@ -40,7 +38,16 @@ from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, stead
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
 from mrwarp.sysid.settings import Settings
-from mrwarp.sysid.verdict import VERDICTS
+from mrwarp.sysid.verdict import (
+    NOT_CHECKED,
+    VERDICTS,
+    Error,
+    Suspect,
+    Unexplained,
+    Value,
+    being_checked,
+    likely,
+)
 
 NOT_PREDICTED = "pieces of the log that took no part are not clearly predicted better with it"
 NOT_CLEAR = "its interval includes sizes that healthy robots have"

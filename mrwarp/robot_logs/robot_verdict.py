@@ -4,103 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mrwarp.diagnose.result import Error, NextExperiment, Suspect, Unexplained, Value
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.windows import Windows
-from mrwarp.run_dir import write_result
 from mrwarp.runtime import text_table
-from mrwarp.sysid.verdict import Verdict
+from mrwarp.sysid.verdict import Answer, Cause, Unexplained
 
 
 @dataclass(frozen=True, kw_only=True)
-class NamedCause:
-    """A cause at a place, with its numbers."""
+class NamedCause(Cause):
+    """A cause at a place; alternatives are followed by `` of PLACE`` where that is another place."""
 
-    name: str
     where: str
     """A joint, a leg, a body, or ``robot``."""
-    parameters: Mapping[str, Value]
-    p_value: float
-    """Chance that a healthy robot would give as much, after looking at every cause and place."""
-    alternatives: tuple[str, ...]
-    """Causes that this log does not distinguish from it; with `` of PLACE`` where that is another place."""
-    gain: float
-    """Share of the squared mismatch that returns without it [1]."""
     change: Mapping[int, float]
     """Change of each of its parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotDiagnosis:
-    """A verdict over a robot's log."""
+class RobotDiagnosis(Answer):
+    """A verdict over a robot's log; errors are RMS, each channel in units of its healthy error."""
 
-    verdict: Verdict | None
-    sentence: str
-    final: bool = True
-    """False: a first answer, whose suspects are what looks likeliest; nothing is checked."""
-    causes: tuple[NamedCause, ...]
-    suspects: tuple[Suspect, ...] = ()
-    unexplained: Unexplained | None = None
-    cannot_know: tuple[str, ...]
-    next_experiment: NextExperiment | None = None
-    baseline: Error
-    """RMS of what is left of windows that took no part, each channel in units of its healthy error."""
-    extended: Error
+    causes: tuple[NamedCause, ...] = ()
     gain: Mapping[str, Any]
-    """Reduction of that error on pieces of the log that took no part: rmse_reduction, ci95, held_out."""
+    """Reduction of the error on pieces of the log that took no part: rmse_reduction, ci95, held_out."""
     per_joint: Mapping[str, Mapping[str, float]]
     """RMSE of the angle over windows that took no part, before and after, by joint [rad]."""
     per_channel: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Errors by channel, in the channel's unit."""
     session: Mapping[str, float]
     """Where each joint settled relative to its command in this session [rad]."""
-    detectable: Mapping[str, Value] = field(default_factory=dict)
-    """Smallest size of each cause that this log would have shown, at the place where it shows best."""
-    notes: tuple[str, ...] = ()
     parameters: tuple[Parameter, ...]
     theta: np.ndarray
     """Changes of the named causes, shape (P,)."""
     model: ReplayModel
     log: RobotLog
     windows: tuple[Windows, ...]
-    seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures of ``result.json``: the keys of a joint's verdict, and ``where`` of each cause."""
-        causes = []
-        for c in self.causes:
-            row = {name: getattr(c, name) for name in ("name", "where", "p_value", "alternatives", "gain")}
-            causes.append(row | {"parameters": {name: vars(v) for name, v in c.parameters.items()}})
-        plain = (
-            "verdict",
-            "final",
-            "seconds",
-            "sentence",
-            "cannot_know",
-            "notes",
-            "gain",
-            "per_joint",
-            "per_channel",
-            "session",
-        )
-        parts = ("unexplained", "baseline", "extended", "next_experiment")
-        return {
-            **{name: getattr(self, name) for name in plain},
-            **{name: vars(part) if (part := getattr(self, name)) else None for name in parts},
-            "causes": causes,
-            "suspects": [
-                vars(s) | {"parameters": {n: vars(v) for n, v in s.parameters.items()}} for s in self.suspects
-            ],
+        """The figures of ``result.json``, with those of a robot."""
+        found = super().to_dict()
+        for row in found["causes"]:
+            del row["change"]
+        return found | {
+            **{name: getattr(self, name) for name in ("gain", "per_joint", "per_channel", "session")},
             "parameter_shift": [],
-            "detectable": {name: vars(v) for name, v in self.detectable.items()},
             "data": {
                 "source": str(self.log.path),
                 "robot": str(self.model.path),
@@ -111,14 +65,7 @@ class RobotDiagnosis:
                 "seconds": self.log.seconds,
                 "rates": sorted({round(1.0 / run.dt, 3) for run in self.log.runs}),
             },
-        }  # fmt: skip
-
-    def write(
-        self, out: Path, command: str, extras: Mapping[str, Any] | None = None, *, seed: int, model_name: str = ""
-    ) -> Path:
-        """Write ``result.json``, with ``extras``, atomically into a folder, made if it is not there."""
-        found = self.to_dict() | {"model": model_name or None} | dict(extras or {})
-        return write_result(out, found, seed=seed, command=command)
+        }
 
 
 def lines(d: RobotDiagnosis) -> Iterator[str]:

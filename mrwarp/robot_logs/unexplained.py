@@ -12,7 +12,6 @@ from itertools import groupby
 
 import numpy as np
 
-from mrwarp.diagnose.result import Unexplained
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.likelihood import Likelihood
 from mrwarp.robot_logs.replay_model import ReplayModel
@@ -22,6 +21,7 @@ from mrwarp.robot_logs.slopes import DERIVATIVE_STEP, START_SPREAD
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
 from mrwarp.robot_logs.windows import Windows, mismatch
 from mrwarp.sysid.settings import Robot
+from mrwarp.sysid.verdict import Unexplained
 
 STEP = 0.02
 """Forces by which derivatives are taken, as a share of the robot's weight and of the most a joint was asked for."""

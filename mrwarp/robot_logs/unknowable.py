@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mrwarp.diagnose.result import NextExperiment
 from mrwarp.robot_logs.causes.cause import Shown
 from mrwarp.robot_logs.causes.of_ground import TORQUE_SCALE
 from mrwarp.robot_logs.causes.parameter import Parameter
@@ -17,6 +16,7 @@ from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause
 from mrwarp.robot_logs.selection import Hypothesis, Posterior, bounds_of
 from mrwarp.robot_logs.windows import Windows, foot_slipped
+from mrwarp.sysid.verdict import NextExperiment
 
 GROUND = tuple(
     name for through in ("trunk", "ground", "imu") for name, cause in CATALOGUE.items() if cause.through == through

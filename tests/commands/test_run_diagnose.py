@@ -11,13 +11,14 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.commands.run_diagnose import Diagnose
 from mrwarp.diagnose.report import overview_pictures
-from mrwarp.diagnose.result import Diagnosis, Suspect, Value
+from mrwarp.diagnose.result import Diagnosis
 from mrwarp.model_file import load_model, save_model
 from mrwarp.nn.training import FitCfg
 from mrwarp.options.command_line import option_types
 from mrwarp.options.command_table import DIAGNOSE
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.run_dir import write_result
+from mrwarp.sysid.verdict import Suspect, Value
 from tests.diagnose import made_up
 
 

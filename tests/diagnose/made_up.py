@@ -5,25 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.diagnose.result import (
-    REGIMES,
-    Accounting,
-    Cause,
-    Diagnosis,
-    Error,
-    Gain,
-    NextExperiment,
-    Shift,
-    Traces,
-    Tried,
-    Unexplained,
-    Value,
-    Verdict,
-)
+from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Gain, Shift, Traces, Tried
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.model_file import FittedOn, Model, Parameter, make_effect
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.verdict import Cause, Error, NextExperiment, Unexplained, Value, Verdict
 
 DT = 0.005
 NOISE = 0.05

@@ -5,10 +5,10 @@ from functools import partial
 import pytest
 
 from benchmarks.confusion.case import make_case, make_foreign
-from mrwarp.diagnose.first_answer import NOT_CHECKED, being_checked
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.recording.load import Recording
+from mrwarp.sysid.verdict import NOT_CHECKED, being_checked
 
 
 def stopped(recording: Recording) -> tuple[Diagnosis, list[str]]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose.formula import find_formula
-from mrwarp.diagnose.result import Traces, Unexplained
+from mrwarp.diagnose.result import Traces
+from mrwarp.sysid.verdict import Unexplained
 
 N = 20_000
 K = np.arange(N)

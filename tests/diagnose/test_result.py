@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose.held_out import Account, Share
-from mrwarp.diagnose.result import Tried, Unexplained, Value
+from mrwarp.diagnose.result import Tried
 from mrwarp.diagnose.verdict_text import sentence_of
+from mrwarp.sysid.verdict import Unexplained, Value
 from tests.diagnose import made_up
 
 CONTRACT = {

@@ -13,7 +13,6 @@ import pytest
 from scipy.signal import savgol_filter
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
@@ -40,6 +39,7 @@ from mrwarp.robot_logs.virtual.true_robot import TrueRobot
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import cut_windows, held_rows
 from mrwarp.sysid.settings import Robot, Settings
+from mrwarp.sysid.verdict import Value
 from tests.robot_logs.arm_log import arm_log, six_joint_log
 
 BETWEEN = 0.0005

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.diagnose.result import Error
 from mrwarp.rl.policy import DEFAULT_POLICY
 from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.replay_model import replay_model
@@ -14,6 +13,7 @@ from mrwarp.robot_logs.report.walk_change import HEAD, walk_change
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
+from mrwarp.sysid.verdict import Error
 from tests.robot_logs.arm_log import arm_log
 
 

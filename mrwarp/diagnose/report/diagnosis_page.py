@@ -14,12 +14,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.report.first_screen import answers_of, heading
 from mrwarp.diagnose.report.overview_pictures import draw
-from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Suspect, Tried, Value
+from mrwarp.diagnose.result import Diagnosis, Shift, Tried
 from mrwarp.diagnose.verdict_text import capital
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.recording.data import NO_INPUT, true_names
 from mrwarp.run_dir import versions
+from mrwarp.sysid.verdict import Cause, NextExperiment, Suspect, Value
 
 _AS_IS = {"source", "data", "extended", "seed", "unexplained"}
 """Texts that the page shows unchanged: names of files and what units do not change."""

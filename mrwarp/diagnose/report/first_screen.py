@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from mrwarp.diagnose import verdict_text as text
-from mrwarp.diagnose.result import Diagnosis, Value
+from mrwarp.diagnose.result import Diagnosis
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.recording.data import true_names
+from mrwarp.sysid.verdict import Value
 
 MOST_WORDS = 60
 """Words before the first section of a report: what is read at a glance."""

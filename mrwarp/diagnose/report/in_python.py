@@ -10,7 +10,7 @@ from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.report.diagnosis_page import render
 from mrwarp.diagnose.report.overview_pictures import draw
 from mrwarp.diagnose.report.printed import lines
-from mrwarp.diagnose.result import Cause, Diagnosis
+from mrwarp.diagnose.result import Diagnosis
 from mrwarp.identify import fit as eq14
 from mrwarp.identify import fit_report
 from mrwarp.identify.fit import FitResult, read_holding
@@ -20,6 +20,7 @@ from mrwarp.recording.load import Recording, load_recording
 from mrwarp.run_dir import write_bytes, write_text
 from mrwarp.runtime import core_count
 from mrwarp.sysid.settings import Settings
+from mrwarp.sysid.verdict import Cause
 
 COMMAND = "mrwarp.diagnose(...)"
 """Origin named in the report."""

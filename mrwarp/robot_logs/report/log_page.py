@@ -10,11 +10,11 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.report.first_screen import MOST_SHOWN, NOTHING, heading, screen
-from mrwarp.diagnose.result import Value
 from mrwarp.robot_logs.report.compared_replays import UNITS
 from mrwarp.robot_logs.report.walk_change import HEAD, WalkChange
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, in_page_unit
 from mrwarp.run_dir import versions
+from mrwarp.sysid.verdict import Value
 
 MOST_SAID = 3
 """Most causes whose numbers stand next to the verdict."""
@@ -41,7 +41,6 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walke
         experiment=d.next_experiment,
         cannot_know=[_parted(x) for x in d.cannot_know],
         session=_session(d),
-        detectable=[_detectable(name, v) for name, v in d.detectable.items()],
         data=_data(d),
         notes=d.notes,
         walked=walked,
@@ -155,10 +154,6 @@ def _parted(line: str) -> tuple[str, str]:
 
 def _session(d: RobotDiagnosis) -> list[tuple[str, str]]:
     return [(joint, f"{1e3 * value:+.1f} mrad".replace("-", "−")) for joint, value in d.session.items()]
-
-
-def _detectable(name: str, v: Value) -> tuple[str, str]:
-    return name.replace("_", " "), _number(v.value, v.unit)
 
 
 def _data(d: RobotDiagnosis) -> list[tuple[str, str]]:

@@ -11,8 +11,8 @@ from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.report.diagnosis_page import Table, render
 from mrwarp.diagnose.report.overview_pictures import NAMES
 from mrwarp.diagnose.report.printed import lines
-from mrwarp.diagnose.result import Cause, Value
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
+from mrwarp.sysid.verdict import Cause, Value
 from tests.diagnose import made_up
 
 EVIL = "<script>alert('x')</script>\" onload=\"y"

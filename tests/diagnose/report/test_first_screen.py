@@ -15,10 +15,11 @@ from mrwarp.diagnose.report import overview_pictures as pictures
 from mrwarp.diagnose.report.diagnosis_page import render
 from mrwarp.diagnose.report.first_screen import MOST_WORDS, fitted
 from mrwarp.diagnose.report.printed import lines
-from mrwarp.diagnose.result import Cause, Suspect, Tried, Value
+from mrwarp.diagnose.result import Tried
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.robot_logs.report import log_page, log_pictures
 from mrwarp.robot_logs.robot_verdict import NamedCause
+from mrwarp.sysid.verdict import Cause, Suspect, Value
 from tests.diagnose import made_up
 
 VERDICTS = ("none", "named", "unexplained", "named_and_unexplained", None)

@@ -10,8 +10,9 @@ import pytest
 from mrwarp.diagnose.report import mismatch_profile as profiles
 from mrwarp.diagnose.report import overview_pictures as pictures
 from mrwarp.diagnose.report import trace_pictures as traces
-from mrwarp.diagnose.result import Diagnosis, Value
+from mrwarp.diagnose.result import Diagnosis
 from mrwarp.diagnose.verdict_text import quantity
+from mrwarp.sysid.verdict import Value
 from tests.diagnose import made_up
 
 UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
