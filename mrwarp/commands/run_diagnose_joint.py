@@ -14,10 +14,10 @@ from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.runtime import core_count, quiet_libraries
 
 if TYPE_CHECKING:
-    from mrwarp.diagnose.report.diagnosis_page import Table
     from mrwarp.diagnose.result import Diagnosis
     from mrwarp.model_file import Model
     from mrwarp.recording.data import Recording
+    from mrwarp.sysid.report.page import Table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from mrwarp.identify.checks.refusal_reason import explains_nothing, missed
 from mrwarp.identify.contradictions import contradictions
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
+from mrwarp.sysid.report.words import both
 from mrwarp.sysid.settings import Gain, Settings
 from mrwarp.sysid.verdict import Error, NextExperiment
 
@@ -77,7 +78,7 @@ def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds
 
 def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
     """Reasons not to believe a finished search: nothing is explained, or the extension predicts no better."""
-    from mrwarp.diagnose.verdict_text import both, title
+    from mrwarp.diagnose.verdict_text import title
 
     power = float(problem.weight @ (problem.measured - problem.measured.mean()) ** 2) or 1.0
     before, after = (float(np.sqrt(errors.sum() / power)) for errors in (found.baseline, found.extended))

@@ -11,6 +11,7 @@ from mrwarp.diagnose.result import Diagnosis
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.recording.data import quantity, true_names
+from mrwarp.sysid.report.words import both, capital, percent
 from mrwarp.sysid.verdict import Cause, Value
 
 _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
@@ -140,20 +141,6 @@ def is_gain(parameter: EffectParameter | None) -> bool:
     return parameter is not None and parameter.name == "gain" and parameter.null == 1.0
 
 
-def percent(share: float, places: int = 1) -> str:
-    """A share in per cent."""
-    return f"{100.0 * share:.{places}f} %" if math.isfinite(share) else "unknown"
-
-
-def chance(p: float) -> str:
-    """A probability for people."""
-    if not math.isfinite(p):
-        return "unknown"
-    if p < 1e-6:
-        return "less than one in a million"
-    return f"1 in {round(1.0 / p):,}" if p < 0.01 else f"{100.0 * p:.0f} %"
-
-
 def title(token: str) -> str:
     """Name of an effect in the catalogue."""
     return CATALOGUE[token].title if token in CATALOGUE else token
@@ -162,12 +149,6 @@ def title(token: str) -> str:
 def either(tokens: Iterable[str]) -> str:
     """Titles joined by commas and "or"."""
     return both((title(token) for token in tokens), "or")
-
-
-def both(words: Iterable[str], last: str = "and") -> str:
-    """Words joined by commas and "and"."""
-    words = list(words)
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} {words[-1]}" if words else ""
 
 
 def variable(name: str, units: Mapping[str, str]) -> str:
@@ -180,17 +161,6 @@ def variable(name: str, units: Mapping[str, str]) -> str:
 def axis_label(key: str, units: Mapping[str, str], gap: str = " ") -> str:
     """Quantity of a recording's column, with its unit."""
     return f"velocity{gap}[{units['q']}/s]" if key == "qd" else f"{quantity(key, units)}{gap}[{units[key]}]"
-
-
-def short(text: str, most: int) -> str:
-    """A name on one line, shortened in the middle; what a font cannot show is replaced."""
-    text = "".join(c if c.isprintable() else "?" for c in text)
-    return text if len(text) <= most else f"{text[: most // 2 - 1]}…{text[-(most - most // 2) :]}"
-
-
-def capital(text: str) -> str:
-    """The text with a capital at its front."""
-    return text[:1].upper() + text[1:]
 
 
 def _signed(factor: float) -> str:

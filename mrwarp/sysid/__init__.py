@@ -9,7 +9,8 @@ The files read in this order:
 * :mod:`~mrwarp.sysid.plant`: what the method asks of a plant;
 * :mod:`~mrwarp.sysid.stepwise`: a set of causes grown, and what is not certain taken out of it;
 * :mod:`~mrwarp.sysid.certainty`: tests that a cause must pass before it is named;
-* :mod:`~mrwarp.sysid.verdict`: the answer.
+* :mod:`~mrwarp.sysid.verdict`: the answer;
+* :mod:`~mrwarp.sysid.report.page`: the page that says it.
 
 A *plant* brings what is physical: a replay, its derivatives, its nuisances, and causes with their bounds. The joint is
 one, :class:`mrwarp.diagnose.search.JointSearch`, a whole robot another,

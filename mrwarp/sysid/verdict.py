@@ -110,7 +110,7 @@ class NextExperiment:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What a diagnosis of any plant answers."""
+    """The answer of a diagnosis, be it of a joint or of a robot."""
 
     verdict: Verdict | None
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""

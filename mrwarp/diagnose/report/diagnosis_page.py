@@ -2,41 +2,30 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mrwarp.diagnose import verdict_text as text
-from mrwarp.diagnose.report.first_screen import answers_of, heading
+from mrwarp.diagnose.report.first_screen import answers_of
 from mrwarp.diagnose.report.overview_pictures import draw
 from mrwarp.diagnose.result import Diagnosis, Shift, Tried
-from mrwarp.diagnose.verdict_text import capital
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.recording.data import NO_INPUT, true_names
-from mrwarp.run_dir import versions
+from mrwarp.sysid.report.page import Table, page
+from mrwarp.sysid.report.words import both, capital, chance, change, percent, signed
 from mrwarp.sysid.verdict import Cause, NextExperiment, Suspect, Value
 
-_AS_IS = {"source", "data", "extended", "seed", "unexplained"}
+_AS_IS = {"data", "extended", "unexplained"}
 """Texts that the page shows unchanged: names of files and what units do not change."""
 
 _NUMBERS = 3
 """Numbers of a cause that the first screen shows."""
 
 _KINDS = {"mechanism": "part of the device", "sensor": "only in what is measured", "calibration": "calibration"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """A further table of the report: rows of text."""
-
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
 
 
 def render(
@@ -52,22 +41,17 @@ def render(
 
     ``pictures`` are PNGs by name; None: they are drawn here.
     """
-    loader = PackageLoader("mrwarp.diagnose.report", ".")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    variable = partial(text.variable, units=d.recording.units)
-    environment.filters |= {"percent": text.percent, "both": text.both, "variable": variable}
-    found = draw(d)[0] if pictures is None else pictures
-    page = environment.get_template("report.html.jinja").render(
-        **{key: x if key in _AS_IS else _truly(x, d.recording.units) for key, x in _content(d).items()},
-        pictures={name: base64.b64encode(data).decode() for name, data in found.items()},
-        impact=impact,
-        learned=learned,
-        predicted=predicted,
-        command=command,
-        versions=", ".join(f"{name} {number}" for name, number in versions().items()),
+    units = d.recording.units
+    content = {key: x if key in _AS_IS else _truly(x, units) for key, x in _content(d).items()}
+    return page(
+        d,
+        command,
+        content | {"impact": impact, "learned": learned, "predicted": predicted},
+        draw(d)[0] if pictures is None else pictures,
+        room="mrwarp.diagnose.report",
+        source=d.recording.source.name if d.recording.source else "recording",
+        filters={"percent": percent, "both": both, "variable": partial(text.variable, units=units)},
     )
-    # a lone surrogate, as undecodable bytes of a file name give, cannot be written as UTF-8
-    return page.encode("utf-8", "replace").decode("utf-8")
 
 
 def _truly(content: Any, units: Mapping[str, str]) -> Any:
@@ -82,14 +66,11 @@ def _truly(content: Any, units: Mapping[str, str]) -> Any:
 def _content(d: Diagnosis) -> dict[str, Any]:
     """Everything that the template shows, as plain text."""
     largest = text.largest_in_report(d)
-    source = d.recording.source.name if d.recording.source else "recording"
     return {
         "verdict": d.verdict,
-        "heading": heading(source),
         "answers": answers_of(d, largest),
         "sentence": d.sentence.removeprefix(" ".join(text.fault_sentences(d))).strip(),
         "faults": text.fault_sentences(d),
-        "source": source,
         "extended": d.model is not None and bool(d.causes),
         "facts": _facts(d),
         "causes": [_cause(c, largest) for c in d.causes],
@@ -105,8 +86,6 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "tried": [(capital(text.title(t.name)), _taken(t), t.outcome) for t in sorted(d.tried, key=lambda t: -t.gain)],
         "data": _data(d),
         "notes": d.notes,
-        "seconds": f"Computed in {d.seconds:.1f} s",
-        "seed": d.seed,
     }
 
 
@@ -117,21 +96,21 @@ def _torque(value: float, d: Diagnosis) -> str:
 
 def _taken(t: Tried) -> str:
     """Share that an effect takes away; at size zero it is the baseline, so less than nothing is nothing."""
-    return "nothing" if t.gain < 5e-4 else f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}"
+    return "nothing" if t.gain < 5e-4 else f"{percent(t.gain)} ± {percent(1.96 * t.error)}"
 
 
 def _facts(d: Diagnosis) -> list[tuple[str, str]]:
     """Three or four numbers: errors and what cannot be reached."""
     before, after = (_torque(x, d) for x in (d.baseline.rmse, d.extended.rmse))
-    facts = [(text.percent(d.baseline.nrmse), f"error of the baseline, {before} RMS")]
+    facts = [(percent(d.baseline.nrmse), f"error of the baseline, {before} RMS")]
     if d.gain:
-        low, high = (text.percent(x) for x in d.gain.ci95)
-        change = text.percent(-d.gain.rmse_reduction).replace("-", "−")
-        facts.append((text.percent(d.extended.nrmse), f"error with the extension, {after} RMS"))
-        facts.append((change, f"RMS ({low} to {high} less); each trajectory predicted by a fit to the others"))
+        low, high = (percent(x) for x in d.gain.ci95)
+        fall = signed(-d.gain.rmse_reduction)
+        facts.append((percent(d.extended.nrmse), f"error with the extension, {after} RMS"))
+        facts.append((fall, f"RMS ({low} to {high} less); each trajectory predicted by a fit to the others"))
     if d.account:
         least = d.baseline.nrmse * d.account.least**0.5
-        facts.append((text.percent(least), "does not repeat from run to run: no model gets below that"))
+        facts.append((percent(least), "does not repeat from run to run: no model gets below that"))
     elif d.traces:
         facts.append((_torque(d.traces.noise_rms, d), "noise RMS: less cannot be reached"))
     return facts
@@ -147,9 +126,9 @@ def _cause(c: Cause, largest: Mapping[str, float]) -> dict[str, Any]:
         "sentence": law.sentence if law else "",
         "equation": law.equation if law else "",
         "parameters": (shown := [_parameter(name, v, specs.get(name), largest) for name, v in c.parameters.items()]),
-        "numbers": text.both(f"{label} {value} ({interval})" for label, value, interval in shown[:_NUMBERS]),
-        "gain": text.percent(c.gain),
-        "chance": text.chance(c.p_value),
+        "numbers": both(f"{label} {value} ({interval})" for label, value, interval in shown[:_NUMBERS]),
+        "gain": percent(c.gain),
+        "chance": chance(c.p_value),
         "alternatives": text.either(c.alternatives),
         "remedy": law.remedy if law else "",
         "source": law.source if law else "",
@@ -181,7 +160,7 @@ def _shift(s: Shift, largest: Mapping[str, float]) -> tuple[str, ...]:
 
 def _experiment(e: NextExperiment) -> dict[str, str]:
     names = [text.title(name) for name in e.separates]
-    purpose = f"separates {text.both(names)}" if len(names) > 1 else f"shows {text.both(names) or 'more'}"
+    purpose = f"separates {both(names)}" if len(names) > 1 else f"shows {both(names) or 'more'}"
     settings = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in e.settings.items())
     seconds = f"{e.seconds:.0f} s" if e.seconds < 180.0 else f"{e.seconds / 60.0:.0f} min"
     kind = e.kind.replace("_", " ")
@@ -194,14 +173,14 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
         return None
     low, high = g.ci95
     count = len(g.held_out)
-    change = f"falls by {text.percent(g.rmse_reduction)}"
+    moves = f"falls by {percent(g.rmse_reduction)}"
     if g.rmse_reduction <= 0.0:
-        change = f"rises by {text.percent(-g.rmse_reduction)}"
+        moves = f"rises by {percent(-g.rmse_reduction)}"
     return {
         "text": f"On {count} whole trajectories, each predicted by a model that was fitted without it, the RMS error "
-        f"{change} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
+        f"{moves} (95 % interval over trajectories: {percent(low)} to {percent(high)}).",
         "regimes": [
-            (name, _torque(before, d), _torque(after, d), _change(before, after))
+            (name, _torque(before, d), _torque(after, d), change(before, after))
             for name, (before, after) in g.per_regime.items()
         ],
     }
@@ -220,7 +199,7 @@ def _detectable(name: str, value: Value, largest: Mapping[str, float]) -> tuple[
     spec = law.parameters[0] if law else None
     if text.is_gain(spec) and value.unit == "1":
         size = abs(value.value - 1.0) if value.value > 0.5 else abs(value.value)  # as a factor, or as its change
-        return capital(text.title(name)), text.percent(size, 2)
+        return capital(text.title(name)), percent(size, 2)
     factor, unit = text.shared_scale(value.value, value.unit, largest)
     size = f"{text.rounded(value.value * factor, 2)} {unit}".strip()
     return capital(text.title(name)), size
@@ -250,7 +229,3 @@ def _data(d: Diagnosis) -> list[tuple[str, str]]:
     if made:
         rows.append(("The files say", "; ".join(f"{k}: {v}" for k, v in made.items())[:600]))
     return rows
-
-
-def _change(before: float, after: float) -> str:
-    return f"{100.0 * (after / before - 1.0):+.0f} %" if before > 0.0 else "-"

@@ -1,53 +1,16 @@
-"""The first screen of a report: what is missing, how big, how sure, what to do; in at most sixty words."""
+"""A joint's answers on the first screen of its page: what is missing, how big, how sure, what to do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.recording.data import true_names
+from mrwarp.sysid.report.page import MOST_SHOWN, NOTHING, screen
+from mrwarp.sysid.report.words import both, capital, percent
 from mrwarp.sysid.verdict import Value
-
-MOST_WORDS = 60
-"""Words before the first section of a report: what is read at a glance."""
-
-_SHARES = {"What is missing": 13, "How big": 9, "How sure": 10, "What to do": 12}
-"""Words of each answer. With the questions (10) and the heading (:data:`_NAME`) they are :data:`MOST_WORDS` at most."""
-
-_NAME = 3
-"""Words of a recording's name; three more make the heading."""
-
-MOST_SHOWN = 2
-"""Causes whose sizes the first screen gives; the rest are in the sections below."""
-
-NOTHING = "nothing that these data could show"
-
-
-def heading(source: str) -> str:
-    """The page's title: the name of what was diagnosed, shortened."""
-    return f"Diagnosis of {_cut(text.short(source, 40), _NAME)}"
-
-
-def screen(answers: Mapping[str, Iterable[str]]) -> list[tuple[str, str]]:
-    """Questions and answers within their shares of words.
-
-    Args:
-        answers: By question, phrases in the order of their weight: the first stands always, the rest where they fit.
-    """
-    return [(question, fitted(list(answers[question]), share)) for question, share in _SHARES.items()]
-
-
-def fitted(phrases: Sequence[str], most: int) -> str:
-    """Phrases, joined by semicolons, of at most ``most`` words; the first is cut if it alone has more."""
-    chosen: list[str] = []
-    for phrase in filter(None, phrases):
-        if not chosen:
-            chosen.append(_cut(phrase, most))
-        elif len(" ".join([*chosen, phrase]).split()) <= most:
-            chosen.append(phrase)
-    return "; ".join(chosen)
 
 
 def answers_of(d: Diagnosis, largest: Mapping[str, float]) -> list[tuple[str, str]]:
@@ -60,7 +23,7 @@ def answers_of(d: Diagnosis, largest: Mapping[str, float]) -> list[tuple[str, st
             "What to do": _advice(d),
         }
     )
-    return [(question, text.capital(true_names(answer, d.recording.units))) for question, answer in found]
+    return [(question, capital(true_names(answer, d.recording.units))) for question, answer in found]
 
 
 def _missing(d: Diagnosis) -> list[str]:
@@ -69,7 +32,7 @@ def _missing(d: Diagnosis) -> list[str]:
         return ["unknown: these data cannot carry a verdict"]
     said = [text.title(d.law.title)] if d.law is not None and d.law.other else []
     names = [text.title(c.name) for c in d.causes]
-    shown = text.both(names[:MOST_SHOWN]) + (f" and {len(names) - MOST_SHOWN} more" if names[MOST_SHOWN:] else "")
+    shown = both(names[:MOST_SHOWN]) + (f" and {len(names) - MOST_SHOWN} more" if names[MOST_SHOWN:] else "")
     said += [shown] if shown else []
     if d.unexplained is not None:
         said.append(f"structure along {_variables(d)} without a name")
@@ -82,16 +45,16 @@ def _missing(d: Diagnosis) -> list[str]:
 
 def _variables(d: Diagnosis) -> str:
     assert d.unexplained is not None
-    return text.both(text.variable(v, d.recording.units) for v in d.unexplained.depends_on[:2])
+    return both(text.variable(v, d.recording.units) for v in d.unexplained.depends_on[:2])
 
 
 def _size(d: Diagnosis, largest: Mapping[str, float]) -> list[str]:
     """The first number of each cause, and the error before and after."""
     if d.verdict is None:
         return ["unknown"]
-    error = f"error {text.percent(d.baseline.nrmse)}"
+    error = f"error {percent(d.baseline.nrmse)}"
     if d.causes and d.gain is not None:
-        error += f" → {text.percent(d.extended.nrmse)}"
+        error += f" → {percent(d.extended.nrmse)}"
     sizes = [_number(next(iter(c.parameters.values())), c.name, largest).value for c in d.causes if c.parameters]
     return [*([", ".join(sizes[:MOST_SHOWN])] if sizes else []), error]
 
@@ -107,10 +70,10 @@ def _certainty(d: Diagnosis, largest: Mapping[str, float]) -> list[str]:
     rivals = text.either(dict.fromkeys(name for c in d.causes for name in c.alternatives))
     said += [f"or {rivals}"] if rivals else []
     if d.causes and d.gain is not None:
-        low, high = (text.percent(x, 0) for x in d.gain.ci95)
+        low, high = (percent(x, 0) for x in d.gain.ci95)
         said.append(f"error falls by {low} to {high}")
     if suspects := [text.title(s.name) for s in d.suspects if s.possible]:
-        said.append(f"suspected, not proven: {text.both(suspects[:MOST_SHOWN])}")
+        said.append(f"suspected, not proven: {both(suspects[:MOST_SHOWN])}")
     return said or ["smaller effects than those listed may be there"]
 
 
@@ -131,8 +94,3 @@ def _advice(d: Diagnosis) -> list[str]:
 def _number(value: Value, effect: str, largest: Mapping[str, float]) -> text.Readable:
     parameter = next(iter(CATALOGUE[effect].parameters), None) if effect in CATALOGUE else None
     return text.readable(value, parameter, largest)
-
-
-def _cut(phrase: str, most: int) -> str:
-    words = phrase.split()
-    return phrase if len(words) <= most else " ".join(words[:most]) + "…"

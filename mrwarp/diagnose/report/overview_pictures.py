@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.patches import Patch
 
-from mrwarp.diagnose.report.trace_pictures import (
-    AFTER,
-    ALTERNATIVE,
-    BEFORE,
-    DPI,
-    MAKERS,
-    MEASURED,
-    NOISE,
-    OTHER,
-    STYLE,
-    WIDTH,
-)
+from mrwarp.diagnose.report.trace_pictures import DPI, MAKERS, STYLE, WIDTH
 from mrwarp.diagnose.result import REGIMES, Diagnosis
-from mrwarp.diagnose.verdict_text import axis_label, both, capital, percent, short, title
+from mrwarp.diagnose.verdict_text import axis_label, title
 from mrwarp.recording.data import true_names
-from mrwarp.runtime import drawing
+from mrwarp.sysid.report.pictures import AFTER, ALTERNATIVE, BEFORE, MEASURED, NOISE, OTHER, drawn
+from mrwarp.sysid.report.words import both, capital, percent, short
 
 TITLES = {
     "loops": "Torque loops, measured and simulated, where the baseline is worst",
@@ -62,26 +51,10 @@ def draw(diagnosis: Diagnosis) -> tuple[dict[str, bytes], list[str]]:
         makers |= {"tried": tried_picture, "gain": gain_picture, "accounting": accounting_picture}
         if diagnosis.traces is not None:
             makers |= MAKERS
-    found: dict[str, bytes] = {}
-    notes: list[str] = []
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")  # a trajectory's name in letters that the font does not have
-        for name, make in makers.items():
-            with drawing(f"the picture {name!r}", notes.append):
-                figure = make(diagnosis)
-                if figure is not None:
-                    titled(figure, TITLES[name])
-                    found[name] = png(figure)
-    return {name: found[name] for name in NAMES if name in found}, notes
-
-
-def titled(figure: Figure, text: str) -> None:
-    """Put a title above everything in a figure; a legend outside of its axes carries it, for both would overlap."""
-    if figure.legends:
-        figure.legends[0].set_title(text, prop=FontProperties(weight="bold", size=_TITLE_SIZE))
-        figure.legends[0].set_alignment("left")
-    else:
-        figure.suptitle(text, x=0.01, ha="left", weight="bold", fontsize=_TITLE_SIZE)
+        bound = {name: partial(make, diagnosis) for name, make in makers.items()}
+        return drawn(bound, TITLES, size=_TITLE_SIZE, dpi=DPI)
 
 
 def accounting_picture(d: Diagnosis) -> Figure:
@@ -219,10 +192,3 @@ def _dots(ax: Axes, rows: Sequence[tuple[str, float, float]], d: Diagnosis) -> N
     if d.traces is not None and len(rows) > len(REGIMES):
         ax.axvline(d.traces.noise_rms, color="0.45", ls=":", lw=1.4, label="noise")
     ax.set_ylim(-0.7, len(rows) - 0.3)
-
-
-def png(figure: Figure, dpi: float = DPI) -> bytes:
-    """A figure as PNG, without a date or a program's name in it."""
-    data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=dpi, metadata={"Software": None})
-    return data.getvalue()

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrwarp.diagnose import verdict_text as text
-from mrwarp.diagnose.report.diagnosis_page import Table
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.recording.data import true_names
 from mrwarp.runtime import text_table
+from mrwarp.sysid.report.page import Table
+from mrwarp.sysid.report.words import percent
 
 
 def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
@@ -62,8 +63,8 @@ def predicted_table(means: Mapping[str, Any]) -> Table:
     rows = [
         (
             name or "all",
-            text.percent(m["baseline"], 2),
-            text.percent(m["extended"], 2),
+            percent(m["baseline"], 2),
+            percent(m["extended"], 2),
             f"{m['better']} of {m['trajectories']} trajectories",
         )
         for name, m in means.items()

@@ -24,14 +24,13 @@ from mrwarp.diagnose.report.mismatch_profile import (
     surface,
 )
 from mrwarp.diagnose.result import Diagnosis, Traces
-from mrwarp.diagnose.verdict_text import axis_label, capital, short, title
+from mrwarp.diagnose.verdict_text import axis_label, title
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.dataset import of_commonest_rate, rms, session_clock
 from mrwarp.recording.data import true_names
+from mrwarp.sysid.report.pictures import AFTER, BEFORE, MEASURED, NOISE
+from mrwarp.sysid.report.words import capital, short
 from mrwarp.sysid.verdict import Cause
-
-MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#56b4e9", "#d0d0d0", "#e69f00"
-"""Okabe and Ito's colours: baseline, extension, its alternatives; grey for noise, yellow for what stays unexplained."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 12.0,

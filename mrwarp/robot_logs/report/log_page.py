@@ -1,19 +1,15 @@
-"""``report.html`` of a robot's log: one offline page, styled as that of a joint."""
+"""``report.html`` of a robot's log: what the page of a diagnosis says of a robot."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
-from mrwarp.diagnose import verdict_text as text
-from mrwarp.diagnose.report.first_screen import MOST_SHOWN, NOTHING, heading, screen
 from mrwarp.robot_logs.report.compared_replays import UNITS
 from mrwarp.robot_logs.report.walk_change import HEAD, WalkChange
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, in_page_unit
-from mrwarp.run_dir import versions
+from mrwarp.sysid.report.page import MOST_SHOWN, NOTHING, page, screen
+from mrwarp.sysid.report.words import both, chance, change, percent, signed
 from mrwarp.sysid.verdict import Value
 
 MOST_SAID = 3
@@ -22,35 +18,25 @@ MOST_SAID = 3
 
 def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walked: WalkChange | None = None) -> str:
     """The page as text; ``pictures`` are PNGs by name."""
-    loaders = [PackageLoader(f"mrwarp.{room}", ".") for room in ("robot_logs.report", "diagnose.report")]
-    environment = Environment(
-        loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    page = environment.get_template("log_page.html.jinja").render(
-        source=d.log.path.name,
-        heading=heading(d.log.path.name),
-        answers=_answers(d),
-        sentence=d.sentence,
-        causes=[_cause(c) for c in d.causes],
-        facts=_facts(d),
-        suspects=[(s.name.replace("_", " "), s.reason) for s in d.suspects],
-        unexplained=d.unexplained,
-        gain=_gain(d),
-        joints=_joints(d),
-        channels=_channels(d),
-        experiment=d.next_experiment,
-        cannot_know=[_parted(x) for x in d.cannot_know],
-        session=_session(d),
-        data=_data(d),
-        notes=d.notes,
-        walked=walked,
-        walk_head=HEAD,
-        command=command,
-        seconds=f"{d.seconds:.0f}",
-        versions=", ".join(f"{name} {number}" for name, number in versions().items()),
-        pictures={name: base64.b64encode(data).decode() for name, data in pictures.items()},
-    )
-    return page.encode("utf-8", "replace").decode("utf-8")
+    content = {
+        "answers": _answers(d),
+        "sentence": d.sentence,
+        "causes": [_cause(c) for c in d.causes],
+        "facts": _facts(d),
+        "suspects": [(s.name.replace("_", " "), s.reason) for s in d.suspects],
+        "unexplained": d.unexplained,
+        "gain": _gain(d),
+        "joints": _joints(d),
+        "channels": _channels(d),
+        "experiment": d.next_experiment,
+        "cannot_know": [_parted(x) for x in d.cannot_know],
+        "session": _session(d),
+        "data": _data(d),
+        "notes": d.notes,
+        "walked": walked,
+        "walk_head": HEAD,
+    }
+    return page(d, command, content, pictures, room="mrwarp.robot_logs.report", source=d.log.path.name)
 
 
 def _answers(d: RobotDiagnosis) -> list[tuple[str, str]]:
@@ -65,10 +51,10 @@ def _answers(d: RobotDiagnosis) -> list[tuple[str, str]]:
         size = [_number(v.value, v.unit) for v in first] or ["nothing beyond what healthy robots differ by"]
         sure, todo = [f"95 %: {_interval(v)}" for v in first], []
         if d.causes:
-            size.append(f"error {text.percent(-d.gain['rmse_reduction'], 0).replace('-', '−')}")
+            size.append(f"error {signed(-d.gain['rmse_reduction'], 0)}")
             sure.append("by pieces of the log that took no part")
             todo.append("take robot.usda: it has the causes")
-    sure += [f"suspected, not proven: {text.both(s.name.replace('_', ' ') for s in d.suspects[:MOST_SHOWN])}"][
+    sure += [f"suspected, not proven: {both(s.name.replace('_', ' ') for s in d.suspects[:MOST_SHOWN])}"][
         : len(d.suspects)
     ]
     todo += ["record the motion below"] if d.next_experiment else []
@@ -101,9 +87,9 @@ def _facts(d: RobotDiagnosis) -> list[tuple[str, str]]:
         place = "" if c.where == "robot" else f" of {c.where}"
         facts.append((_number(v.value, v.unit), f"{c.name.replace('_', ' ')}{place}: {name}, 95 % {_interval(v)}"))
     if d.causes:
-        low, high = (text.percent(x) for x in d.gain["ci95"])
-        change = text.percent(-d.gain["rmse_reduction"]).replace("-", "−")
-        facts.append((change, f"error on parts of the log that took no part ({low} to {high} less)"))
+        low, high = (percent(x) for x in d.gain["ci95"])
+        fall = signed(-d.gain["rmse_reduction"])
+        facts.append((fall, f"error on parts of the log that took no part ({low} to {high} less)"))
     return facts
 
 
@@ -113,8 +99,8 @@ def _cause(c: NamedCause) -> dict[str, Any]:
         "name": c.name,
         "where": c.where,
         "parameters": [(n.replace("_", " "), _number(v.value, v.unit), _interval(v)) for n, v in c.parameters.items()],
-        "gain": text.percent(c.gain),
-        "chance": text.chance(c.p_value),
+        "gain": percent(c.gain),
+        "chance": chance(c.p_value),
         "alternatives": ", ".join(x.replace("_", " ") for x in c.alternatives),
     }
 
@@ -130,20 +116,16 @@ def _gain(d: RobotDiagnosis) -> str:
 
 def _joints(d: RobotDiagnosis) -> list[tuple[str, ...]]:
     return [
-        (joint, f"{1e3 * e['baseline']:.2f}", f"{1e3 * e['extended']:.2f}", _change(e["baseline"], e["extended"]))
+        (joint, f"{1e3 * e['baseline']:.2f}", f"{1e3 * e['extended']:.2f}", change(e["baseline"], e["extended"]))
         for joint, e in d.per_joint.items()
     ]
 
 
 def _channels(d: RobotDiagnosis) -> list[tuple[str, ...]]:
     return [
-        (name, *(_number(x, UNITS.get(name, "")) for x in e.values()), _change(e["baseline"], e["extended"]))
+        (name, *(_number(x, UNITS.get(name, "")) for x in e.values()), change(e["baseline"], e["extended"]))
         for name, e in d.per_channel.items()
     ]
-
-
-def _change(before: float, after: float) -> str:
-    return f"{100.0 * (after / before - 1.0):+.0f} %".replace("-", "−") if before > 0.0 else "–"
 
 
 def _parted(line: str) -> tuple[str, str]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.diagnose.report.overview_pictures import png
-from mrwarp.diagnose.report.trace_pictures import AFTER, BEFORE, MEASURED
 from mrwarp.robot_logs.report.compared_replays import Compared, joint_windows
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
-from mrwarp.runtime import drawing
+from mrwarp.sysid.report.pictures import AFTER, BEFORE, MEASURED, drawn
 
 CELLS, MOST_NAMES = 240, 6
 """Most columns of the map over time, and most recordings whose names find room over it."""
@@ -27,13 +25,8 @@ NAMES = tuple(TITLES)
 
 def draw(d: RobotDiagnosis, compared: list[Compared]) -> tuple[dict[str, bytes], list[str]]:
     """PNGs by name, and a note on each that could not be drawn."""
-    makers = (lambda: _where(d, compared), lambda: _errors(d), lambda: _trace(d, compared))
-    found: dict[str, bytes] = {}
-    notes: list[str] = []
-    for name, make in zip(NAMES, makers, strict=True):
-        with drawing(f"the picture {name!r}", notes.append):
-            found[name] = make()
-    return found, notes
+    makers = {"where": lambda: _where(d, compared), "errors": lambda: _errors(d), "trace": lambda: _trace(d, compared)}
+    return drawn(makers, TITLES, size=11.0, dpi=110.0)
 
 
 def accused(d: RobotDiagnosis) -> list[int]:
@@ -47,7 +40,7 @@ def _touches(where: str, joint: str) -> bool:
     return where == joint or (where != "robot" and joint.startswith(f"{where}_"))
 
 
-def _where(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
+def _where(d: RobotDiagnosis, compared: list[Compared]) -> Figure:
     """Error of each joint over time as a map, and each joint's error next to it."""
     time, before, _ = joint_windows(compared)
     joints = len(d.model.joints)
@@ -77,10 +70,10 @@ def _where(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     right.set(xlabel="RMS [mrad]")
     for axis in (left, right):
         axis.spines[["top", "right"]].set_visible(False)
-    return _titled_png(figure, TITLES["where"])
+    return figure
 
 
-def _errors(d: RobotDiagnosis) -> bytes:
+def _errors(d: RobotDiagnosis) -> Figure:
     """Before and after, by joint and by channel."""
     channels = d.per_channel
     figure = Figure(figsize=(8.0, 1.6 + 0.22 * max(len(d.model.joints), len(channels), 5)), layout="constrained")
@@ -101,10 +94,10 @@ def _errors(d: RobotDiagnosis) -> bytes:
     right.invert_yaxis()
     for axis in (left, right):
         axis.spines[["top", "right"]].set_visible(False)
-    return _titled_png(figure, TITLES["errors"])
+    return figure
 
 
-def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
+def _trace(d: RobotDiagnosis, compared: list[Compared]) -> Figure:
     """The joint that is blamed, in the window in which it errs most, with its neighbours in time."""
     joint = max(accused(d), key=lambda j: d.per_joint[d.model.joints[j]]["baseline"])
     c = max(compared, key=lambda c: float((c.left(False)["q"][:, :, joint] ** 2).mean(axis=1).max()))
@@ -127,9 +120,4 @@ def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     top.legend(frameon=False, fontsize=8, ncols=3)
     for axis in (top, bottom):
         axis.spines[["top", "right"]].set_visible(False)
-    return _titled_png(figure, TITLES["trace"])
-
-
-def _titled_png(figure: Figure, title: str) -> bytes:
-    figure.suptitle(title, x=0.01, ha="left", weight="bold", fontsize=11)
-    return png(figure, dpi=110)
+    return figure

@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 
 from mrwarp.diagnose import verdict_text as text
-from mrwarp.diagnose.report.diagnosis_page import Table, render
+from mrwarp.diagnose.report.diagnosis_page import render
 from mrwarp.diagnose.report.overview_pictures import NAMES
 from mrwarp.diagnose.report.printed import lines
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
+from mrwarp.sysid.report.page import Table
+from mrwarp.sysid.report.words import chance, percent
 from mrwarp.sysid.verdict import Cause, Value
 from tests.diagnose import made_up
 
@@ -165,4 +167,4 @@ def test_numbers_without_an_interval_survive() -> None:
     for bad in (float("inf"), float("nan")):
         found = text.readable(Value(value=0.01, ci95=(-bad, bad), unit="s"))
         assert "inf" not in found.value + found.interval and "nan" not in found.value + found.interval
-    assert text.chance(float("nan")) == "unknown" and text.percent(float("inf")) == "unknown"
+    assert chance(float("nan")) == "unknown" and percent(float("inf")) == "unknown"

@@ -13,12 +13,13 @@ import pytest
 from mrwarp.diagnose.checks.spikes import Spikes
 from mrwarp.diagnose.report import overview_pictures as pictures
 from mrwarp.diagnose.report.diagnosis_page import render
-from mrwarp.diagnose.report.first_screen import MOST_WORDS, fitted
 from mrwarp.diagnose.report.printed import lines
 from mrwarp.diagnose.result import Tried
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.robot_logs.report import log_page, log_pictures
 from mrwarp.robot_logs.robot_verdict import NamedCause
+from mrwarp.sysid.report import pictures as shared
+from mrwarp.sysid.report.page import MOST_WORDS, fitted
 from mrwarp.sysid.verdict import Cause, Suspect, Value
 from tests.diagnose import made_up
 
@@ -108,12 +109,12 @@ def test_every_picture_has_a_title(verdict: Any, monkeypatch: pytest.MonkeyPatch
     """It says what is to be seen."""
     seen: list[str] = []
 
-    def titles(figure: Any) -> bytes:
+    def titles(figure: Any, dpi: float) -> bytes:
         heading = figure.legends[0].get_title() if figure.legends else figure._suptitle
         seen.append(heading.get_text())
         return b""
 
-    monkeypatch.setattr(pictures, "png", titles)
+    monkeypatch.setattr(shared, "png", titles)
     pictures.draw(made_up.make(verdict))
     assert sorted(seen) == sorted(pictures.TITLES.values())
     assert all(len(title.split()) >= 4 for title in [*pictures.TITLES.values(), *log_pictures.TITLES.values()])
