@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -161,9 +161,8 @@ class _Judged:
     rivals: dict[Hypothesis, list[Hypothesis]]
     """Causes of drives with which the replay was nearly as good."""
     found: list[Found]
-    rejected: list[Found]
-    unclear: list[Found]
-    """Of the rejected ones those whose intervals reach to what is no fault."""
+    rejected: Mapping[Found, str]
+    """Those that are not proven, and why."""
     size: Sizes
     near: Likelihood
     """About the robot with the sizes of the causes."""
@@ -210,8 +209,7 @@ def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _J
         likelihood=likelihood,
         rivals=rivals,
         found=found,
-        rejected=rejected + refuted,
-        unclear=[],
+        rejected=dict.fromkeys([*rejected, *refuted], NOT_PREDICTED),
         size=nothing,
         near=likelihood,
     )
@@ -253,8 +251,8 @@ def _sized(case: _Case, judged: _Judged) -> _Judged:
     likely, other = likelier(found, size.size, case.parameters, case.model.settings.robot.rival_odds)
     if [f.hypothesis for f in likely] != [f.hypothesis for f in found]:
         size, near = _alone(case, judged, likely, other)
-    rejected = judged.rejected + unclear
-    return replace(judged, found=likely, rejected=rejected, unclear=unclear, size=size, near=near)
+    rejected = {**judged.rejected, **dict.fromkeys(unclear, NOT_CLEAR)}
+    return replace(judged, found=likely, rejected=rejected, size=size, near=near)
 
 
 def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, dict[str, Any], dict[str, tuple[float, float]]]:
@@ -274,7 +272,7 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, dict[str, 
 
     rejected, (gain, errors) = judged.rejected, errors_of(found, near)
     if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
-        rejected = rejected + [f for f in found if f not in foreign]
+        rejected = {**rejected, **{f: NOT_PREDICTED for f in found if f not in foreign}}
         found, usual = foreign, wide
         size, near = before = _alone(case, judged, foreign)
         gain, errors = errors_of(found, near)
@@ -288,10 +286,9 @@ def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
     both = [*judged.found, *judged.rejected]
     free = [f.hypothesis for f in both]
     beliefs = posterior(likelihood, parameters, free)
-    for f in (f for f in judged.rejected if f.hypothesis.cause not in OUTSIDE):
+    for f, reason in ((f, x) for f, x in judged.rejected.items() if f.hypothesis.cause not in OUTSIDE):
         about = sizes(likelihood.normal_equations(), parameters, free, *bounds_of(parameters))
         c = _named(f, both, replace(judged.size, size=about, lone=about), likelihood, parameters, beliefs)
-        reason = NOT_CLEAR if f in judged.unclear else NOT_PREDICTED
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
     return tuple(suspects)
 
