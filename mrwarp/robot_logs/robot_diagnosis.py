@@ -12,10 +12,9 @@ import numpy as np
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from mrwarp.robot_logs.causes.of_ground import TORQUE_SCALE
-from mrwarp.robot_logs.causes.of_timing import OWN_DELAY
+from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
-from mrwarp.robot_logs.causes.robot_causes import ORDINARY, OUTSIDE
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, ORDINARY, OUTSIDE
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
@@ -308,20 +307,12 @@ def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplain
 def _notes(case: _Case, judged: _Judged, causes: Sequence[NamedCause], now: Posterior) -> list[str]:
     """Remarks on the log and the description that are no causes."""
     notes, parameters = [*getattr(case.log, "notes", ())], case.parameters
-    late = next(k for k, p in enumerate(parameters) if p.cause == "command_delay")
-    if not any(late in c.change for c in causes) and abs(now.mean[late]) > parameters[late].least:
-        row = parameters[late].usual[1]
-        notes.append(
-            f"commands act {1e3 * now.mean[late]:.1f} ms after their row: within a row of {1e3 * row:.1f} ms "
-            "that is how the log was written"
-        )
-    scale = sum(float(judged.size.size[k]) for k, p in enumerate(parameters) if p.field == "scale")
-    if abs(scale) > TORQUE_SCALE:
-        notes.append(
-            f"all drives' torques are {1.0 + scale:.2f} times what gains and masses of the description make them: "
-            "either may be off, and a robot that is held does not show which"
-        )
-    frictions = ("coulomb_friction", "viscous_friction")
+    named = {k for c in causes for k in c.change}
+    for k, p in enumerate(parameters):
+        value = float(judged.size.size[k] if p.cause == NUISANCE else now.mean[k])
+        if (remark := p.declared.remark) and k not in named and abs(value) > p.least:
+            notes.append(remark(value, p.usual))
+    frictions = [name for name in ORDINARY if CATALOGUE[name].rubs]
     if less := [c.where for c in causes if c.name in frictions and min(c.change.values()) < 0.0]:
         notes.append(
             f"less friction than described at {', '.join(dict.fromkeys(less))}: the description has too much, "
@@ -411,18 +402,17 @@ def _named(
     others = [x.hypothesis for x in found if x is not f]
     first = parameters[own_members(f.hypothesis, others)[0]]
     mean, half = size.of(f.hypothesis, [x.hypothesis for x in found], now, parameters)
-    if first.field == "delay":
-        mean, half = mean - OWN_DELAY, half + OWN_DELAY
-    values = _values(first, mean, half)
-    early = first.field == "delay" and mean < 0.0  # none acts before it was given: the commands' stamps are late
-    if early:
-        values = {"shift": Value(value=-mean, ci95=(-mean - half, -mean + half), unit=first.unit)}
+    mean, half = mean - first.declared.own, half + first.declared.own
+    name, where, values = f.hypothesis.cause, f.hypothesis.where, _values(first, mean, half)
+    if first.declared.if_negative and mean < 0.0:
+        name, where, number = first.declared.if_negative
+        values = {number: Value(value=-mean, ci95=(-mean - half, -mean + half), unit=first.unit)}
     full = likelihood.at(now.mean)
     without = posterior(likelihood, parameters, others).mean.copy()
     without[list(f.hypothesis.members)] = 0.0
     return NamedCause(
-        name="clock_shift" if early else f.hypothesis.cause,
-        where="commands" if early else f.hypothesis.where,
+        name=name,
+        where=where,
         parameters=values,
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
         alternatives=tuple(dict.fromkeys(_place(d, f.hypothesis.where) for d in f.alternatives)),

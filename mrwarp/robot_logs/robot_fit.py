@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.robot_logs.causes.parameter import Parameter
-from mrwarp.robot_logs.causes.robot_causes import DRIVE, ORDINARY
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood, fit, gather, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import cross_validated
@@ -120,7 +120,7 @@ def nuisances_of(model: ReplayModel, groups: list[Windows], parameters: list[Par
     low, high = bounds_of(parameters)
     theta, likelihood, indices = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), low, high)
     own = [parameters[k] for k in indices]
-    late = [k for k, p in enumerate(own) if p.field == "delay"]
+    late = [k for k, p in enumerate(own) if p.declared.uneven]
     moved = theta.copy()
     prior = prior_of(own, [])
     moved[indices] = searched(theta[indices], late, model, groups, own, likelihood, prior, low[indices], high[indices])
@@ -240,17 +240,14 @@ def _same_drive(own: Hypothesis, theta: np.ndarray, parameters: list[Parameter])
     """
     found = theta.copy()
     for joint in (parameters[k].index for k in own.members):
-        at = {p.field: k for k, p in enumerate(parameters) if p.index == joint and p.field in ("kp", "kd", "strength")}
+        at = {p.cause: k for k, p in enumerate(parameters) if p.index == joint and p.cause in DRIVE}
         if len(at) < 3:
             continue
-        motor, kp, kd = (1.0 + found[at[name]] for name in ("strength", "kp", "kd"))
-        times = {"strength": np.sqrt(kp * kd), "kp": np.sqrt(kd / motor), "kd": np.sqrt(kp / motor)}
-        share = times[parameters[own.members[0]].field]
-        found[at["strength"]], found[at["kp"]], found[at["kd"]] = (
-            motor * share - 1.0,
-            kp / share - 1.0,
-            kd / share - 1.0,
-        )
+        (names,) = ((name, *CATALOGUE[name].made_of) for name in at if CATALOGUE[name].made_of)
+        motor, kp, kd = (1.0 + found[at[name]] for name in names)
+        times = dict(zip(names, (np.sqrt(kp * kd), np.sqrt(kd / motor), np.sqrt(kp / motor)), strict=True))
+        share = times[own.cause]
+        found[[at[name] for name in names]] = motor * share - 1.0, kp / share - 1.0, kd / share - 1.0
     return found
 
 
@@ -259,14 +256,17 @@ def _twin(own: Hypothesis, other: Hypothesis, theta: np.ndarray, parameters: lis
 
     No log of a robot that is held distinguishes the two except by that scale. None where the session has no scale.
     """
-    scale = next((k for k, p in enumerate(parameters) if p.field == "scale"), None)
-    if {own.cause, other.cause} != {"kp", "kd"} or own.where != "robot" or scale is None:
+    scale = next((k for k, p in enumerate(parameters) if p.declared.of_all), None)
+    if scale is None or own.where != "robot":
+        return None
+    whole = CATALOGUE[parameters[scale].declared.of_all]
+    if {own.cause, other.cause} != set(whole.made_of):
         return None
     found, members = theta.copy(), list(own.members)
     times = 1.0 + theta[members].mean()
     found[members] = (1.0 + theta[members]) / times - 1.0
     found[list(other.members)] = (1.0 + theta[list(other.members)]) / times - 1.0
-    found[[k for k, p in enumerate(parameters) if p.field == "strength"]] *= times
+    found[[k for k, p in enumerate(parameters) if p.cause == whole.name]] *= times
     found[scale] = (1.0 + theta[scale]) * times - 1.0
     return found
 
@@ -297,7 +297,7 @@ def likelier(
 
 def _unlikely(own: Hypothesis, theta: np.ndarray, parameters: list[Parameter]) -> float:
     """How unlikely a cause at all joints is with its torque scale: twice a negative logarithm of the prior."""
-    (scale,) = (p for p in parameters if p.field == "scale")
+    (scale,) = (p for p in parameters if p.declared.of_all)
     at = theta[parameters.index(scale)]
     if not scale.lowest <= at <= scale.highest:
         return np.inf
@@ -334,7 +334,7 @@ def _one_drive(
             if own == [other]:
                 continue
             sizes = twin = None
-            if len(own) == 1 and {own[0].cause, other.cause} == {"kp", "motor_strength"}:
+            if len(own) == 1 and CATALOGUE[other.cause].nearly == own[0].cause:
                 sizes = dict(zip(other.members, theta[list(own[0].members)], strict=True))
             elif len(own) == 1:
                 twin = _twin(own[0], other, theta, parameters)

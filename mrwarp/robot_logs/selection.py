@@ -118,8 +118,8 @@ def vector(hypothesis: Hypothesis, parameters: Sequence[Parameter]) -> np.ndarra
 def prior_of(parameters: Sequence[Parameter], free: Sequence[Hypothesis]) -> np.ndarray:
     """Precision of healthy robots, and of faults along ``free``, shape (P, P)."""
     same = {x.cause for x in free if x.where == "robot"}  # as the torque scale of a session
-    known = "motor_strength" in same or {"kp", "kd"} <= same
-    covariance = np.diag([(1e-3 * p.spread if known and p.field == "scale" else p.spread) ** 2 for p in parameters])
+    known = same | {name for name in DRIVE if same.issuperset(CATALOGUE[name].made_of or [name])}
+    covariance = np.diag([(1e-3 * p.spread if p.declared.of_all in known else p.spread) ** 2 for p in parameters])
     for x in free:
         d = vector(x, parameters)
         covariance = covariance + np.outer(d, d) * _fault(x, parameters) ** 2

@@ -19,7 +19,7 @@ def sizes_of_their_own(
     for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(hypotheses) if len(d.members) == 1):
         if tried := p.declared.tried:
             own[k] = [times * p.fault / abs(p.step) for times in tried]
-        elif p.field == "limit" and p.index in (short := _short_of_torque(model, groups)):
+        elif p.declared.limits and p.index in (short := _short_of_torque(model, groups)):
             own[k] = [short[p.index] / abs(p.step)]
     return own
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
 from mrwarp.robot_logs.windows import Windows, mismatch, side_by_side
@@ -202,14 +203,16 @@ def slopes_of(
 
 def _sums(windows: Windows, parameters: list[Parameter]) -> dict[int, list[int]]:
     """Of a drive's strength, and of all drives', the gains that make all of its torque; by parameter."""
-    at = {(p.field, p.index): k for k, p in enumerate(parameters) if p.field in ("kp", "kd", "strength")}
+    at = {(p.cause, p.index): k for k, p in enumerate(parameters) if p.cause in DRIVE}
     found = {
-        k: [at["kp", joint], at["kd", joint]]
-        for (field, joint), k in at.items()
-        if field == "strength" and ("kp", joint) in at and ("kd", joint) in at and not windows.feed[2, ..., joint].any()
+        k: [at[part, joint] for part in parts]
+        for (cause, joint), k in at.items()
+        if (parts := CATALOGUE[cause].made_of)
+        and all((part, joint) in at for part in parts)
+        and not windows.feed[2, ..., joint].any()
     }
     if len(found) == windows.q.shape[1]:  # a factor on all torques is no other robot than one of that strength
-        found |= {k: sum(found.values(), []) for k, p in enumerate(parameters) if p.field == "scale"}
+        found |= {k: sum(found.values(), []) for k, p in enumerate(parameters) if p.declared.of_all}
     return found
 
 

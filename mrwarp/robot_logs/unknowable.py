@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mrwarp.robot_logs.causes.cause import Shown
-from mrwarp.robot_logs.causes.of_ground import TORQUE_SCALE
 from mrwarp.robot_logs.causes.parameter import Parameter
-from mrwarp.robot_logs.causes.robot_causes import CATALOGUE
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, NUISANCES
 from mrwarp.robot_logs.likelihood import Likelihood, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
@@ -22,9 +21,6 @@ GROUND = tuple(
     name for through in ("trunk", "ground", "imu") for name, cause in CATALOGUE.items() if cause.through == through
 )
 """Causes that speak through a moving trunk, ground or an inertial unit."""
-
-LIKE_MASSES = f"up to some {200 * TORQUE_SCALE:.0f} % it would have looked like other masses of all links"
-"""Why a robot in the air does not show the torque of all its drives."""
 
 
 MOTIONS = {name: cause.shown for name, cause in CATALOGUE.items() if cause.shown is not None}
@@ -69,7 +65,7 @@ def friction_that_holds(
         parameters: P parameters.
         theta: The robot around which the log is judged, shape (P,).
     """
-    k = next((k for k, p in enumerate(parameters) if p.field == "mu"), None)
+    k = next((k for k, p in enumerate(parameters) if p.declared.needs_slip), None)
     if k is None or foot_slipped(model, log):
         return None
 
@@ -113,22 +109,26 @@ def cannot_know(
             found += [f"{cause}: the robot's base was fixed; {motions[cause].what}" for cause in GROUND]
         else:
             found += [f"{cause}: no motion shows it while the robot's base is fixed" for cause in OF_A_BASE]
-        if "tau" not in likelihood.sigma and not any(d.cause == "motor_strength" and d.where == "robot" for d in shown):
-            found.append(f"motor_strength of robot: {LIKE_MASSES}; {motions['motor_strength'].what}")
+        said = {d.cause for d in shown if d.where == "robot"}
+        for x in NUISANCES.values():
+            if x.of_all and x.of_all not in said and x.measured_in not in likelihood.sigma:
+                found.append(f"{x.of_all} of robot: {x.unseen}; {motions[x.of_all].what}")
     for cause, where in _unseen(parameters, log, now, spoken_of, slips=holds is None).items():
         found.append(f"{cause}{where}: no size would have shown in this log; {motions[cause].what}")
     for cause, why in NOT_LOOKED_FOR.items():
         if cause == "backlash" or model.devices:
             found.append(f"{cause}: not looked for in robot logs; {why}")
-    limits = [p for k, p in enumerate(parameters) if p.field == "limit" and k not in spoken_of]
+    limits = [p for k, p in enumerate(parameters) if p.declared.limits and k not in spoken_of]
     if above := [
         f"{p.where} beyond {model.asked[p.index]:.3g} N·m"
         for p in limits
         if model.asked[p.index] < (1.0 - p.fault) * _limit(model, p.index)
     ]:
-        found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {motions['torque_limit'].what}")
-    if holds is not None and not any(d.cause == "ground_friction" for d in shown):
-        found.append(f"ground_friction of robot beyond {holds:.2g}: no foot slipped; {motions['ground_friction'].what}")
+        cause = limits[0].cause
+        found.append(f"{cause} of {', '.join(above)}: no more was asked for; {motions[cause].what}")
+    for cause in (p.cause for p in parameters if p.declared.needs_slip):
+        if holds is not None and not any(d.cause == cause for d in shown):
+            found.append(f"{cause} of robot beyond {holds:.2g}: no foot slipped; {motions[cause].what}")
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
@@ -147,7 +147,7 @@ def _unseen(
     unseen: dict[str, list[str]] = {}
     known: dict[str, int] = {}
     for k, p in enumerate(parameters):
-        if p.cause not in MOTIONS or p.field == "limit" or (p.field == "mu" and not slips):
+        if p.cause not in MOTIONS or p.declared.limits or (p.declared.needs_slip and not slips):
             continue
         information = 1.0 / now.covariance[k, k] - now.precision[k, k]
         sure = k in spoken_of or (

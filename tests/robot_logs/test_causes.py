@@ -1,11 +1,15 @@
 """The catalogue of a robot's causes: each declares all that the method, the advice and the extended robot ask of it."""
 
+import ast
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import mrwarp
+from mrwarp.robot_logs.causes.cause import Cause
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.places import PLACES
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DECLARED, DRIVE, NUISANCES, ORDINARY, OUTSIDE
@@ -15,6 +19,14 @@ from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS
 
 OWN = {"clock_shift": "seen against the joints' clock in any motion"}
 """Causes without a motion that shows them, and why."""
+
+SPOKEN_OF = {
+    **dict.fromkeys(
+        ("extended_robot.py", "replay_engine.py", "replay_model.py", "robot_log.py", "windows.py"), {"kp", "kd"}
+    ),  # gains of a log
+    "window_replay.py": {"kp", "kd", "coil_lag", "stribeck"},  # arrays of the replay
+}
+"""Names of causes that stand outside their declarations, by file: there they name something else, too."""
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -28,7 +40,7 @@ def test_a_cause_has_a_place_a_size_and_a_motion(name: str) -> None:
         assert CATALOGUE[cause.looks_like].place == cause.place
     if not cause.outside:
         assert name in EFFECTS, "a virtual robot can hide it, so that a test can look for it"
-    if cause.drive:
+    if name in DRIVE:
         assert cause.change == "relative" and cause.shared
 
 
@@ -39,6 +51,25 @@ def test_rules_follow_from_declarations() -> None:
     assert {name for name in CATALOGUE if CATALOGUE[name].outside} == set(OUTSIDE)
     assert len(DRIVE) == 3
     assert set(MOTIONS) == set(ARM_MOTIONS) == {name for name in CATALOGUE if CATALOGUE[name].shown}
+
+
+def test_the_method_knows_no_cause_by_its_name() -> None:
+    """Causes themselves declare what they are made of, look like and need."""
+    robot, found = Path(mrwarp.__file__).parent / "robot_logs", {}
+    for path in [*robot.glob("*.py"), *robot.glob("report/*.py"), *robot.parent.glob("sysid/**/*.py")]:
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if names := {node.value for node in nodes if isinstance(node, ast.Constant)} & set(CATALOGUE):
+            found[path.name] = names
+    assert found == SPOKEN_OF
+
+
+@pytest.mark.parametrize("cause", DECLARED, ids=lambda cause: f"{cause.name}-{cause.field}")
+def test_causes_that_a_declaration_speaks_of_are_there(cause: Cause) -> None:
+    """Those that it is made of, does nearly the same as, or is at all joints or where it is negative."""
+    others = {*cause.made_of, cause.nearly, cause.looks_like, cause.of_all, *cause.if_negative[:1]} - {""}
+    assert others <= set(CATALOGUE) - {cause.name}
+    assert not cause.nearly or CATALOGUE[cause.nearly].nearly == cause.name
+    assert bool(cause.of_all) == bool(cause.unseen) == bool(cause.measured_in)
 
 
 def _parameter(cause: str, index: int = 0, **numbers: float) -> Parameter:

@@ -95,14 +95,30 @@ class Cause:
     would be blamed on a cause, and reported as unexplained."""
     shared: bool = False
     """Whether all joints may have it at once, by one number of a configuration, one supply, one make of drive."""
-    drive: bool = False
-    """Whether it is one of the three that are a line in Kp and Kd: no more than two of them are named of a drive."""
+    made_of: tuple[str, str] | tuple[()] = ()
+    """Causes of the same joint that together are it, as a factor on a drive's torque is one on Kp and one on Kd: no
+    more than two of the three are named of a drive."""
+    nearly: str = ""
+    """Cause that does nearly the same at the same place and size: a fit of it begins with that one's size."""
     looks_like: str = ""
     """Cause that no log distinguishes from it at the same place: it is named, with that as its alternative."""
     payload: tuple[str, ...] = ()
     """Of its numbers those that a weight on the trunk changes."""
     or_payload: bool = False
     """Whether a weight on the trunk may look like it: then that is the likelier reason."""
+
+    of_all: str = ""
+    """Of a nuisance the cause that it is at all joints at once."""
+    unseen: str = ""
+    """Why the log of a robot that has it does not show that one."""
+    measured_in: str = ""
+    """Channel that does show it."""
+    own: float = 0.0
+    """Part of its number that any robot has, give or take as much: simulated, but no part of a fault's size."""
+    if_negative: tuple[str, str, str] | tuple[()] = ()
+    """Cause, place and number that it is where it is negative."""
+    limits: bool = False
+    """Whether it limits a drive's torque: a log shows it no further than was asked for."""
 
     central: bool = False
     """Whether its derivative is central: a factor on all torques and masses changes nothing, but their curvature
@@ -118,12 +134,17 @@ class Cause:
     """Part that a held robot lacks, so that its log cannot show it: a trunk that moves, the ground, or its sensor."""
     needs_current: bool = False
     """Whether it does nothing while no current is asked for: a lag that lets noise die away would seem to."""
+    needs_slip: bool = False
+    """Whether it does nothing where no foot slips: then the replay says how low it may be."""
     shown: Shown | None = None
     """Motion that shows it; on the ground mostly a walk, for windows of a robot at rest repeat each other."""
     shown_by_arm: Shown | None = None
     """Motion of a robot that cannot walk, where that is another."""
     says: Callable[[float, str], str] | None = None
     """A verdict's words for a value and its number's name, after the place; without it the title and the number."""
+
+    remark: Callable[[float, tuple[float, float]], str] | None = None
+    """A remark on a size beyond ``least`` that is no cause, from it and what is ``usual``."""
 
     acts: Callable[[Replayed, np.ndarray], None] | None = None
     """Applies a change, shape (E, columns), where the replay has no line for its field."""

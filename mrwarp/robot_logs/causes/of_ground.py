@@ -96,6 +96,7 @@ CAUSES = (
         of_session=lambda _: True,
         tried=FLOORS,
         through="ground",
+        needs_slip=True,
         shown=Shown("walk or push off so hard that a foot slips", {"walk": 20.0}),
         acts=_slippery,
         mjcf=_mjcf_friction,
@@ -157,8 +158,16 @@ CAUSES = (
         unit="1",
         step=0.05,
         spread=TORQUE_SCALE,
+        least=TORQUE_SCALE,
         lowest=1.0 / LARGEST_SCALE - 1.0,
         highest=LARGEST_SCALE - 1.0,
+        of_all="motor_strength",
+        unseen=f"up to some {200 * TORQUE_SCALE:.0f} % it would have looked like other masses of all links",
+        measured_in="tau",
         central=True,
+        remark=lambda value, _: (
+            f"all drives' torques are {1.0 + value:.2f} times what gains and masses of the description make them: "
+            "either may be off, and a robot that is held does not show which"
+        ),
     ),
 )

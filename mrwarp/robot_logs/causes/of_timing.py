@@ -31,9 +31,16 @@ CAUSES = (
         usual=lambda at: (0.0, at.row + OWN_DELAY),
         ordinary=True,
         of_session=lambda at: at.model.free,  # coils show it; in the air inertias and gains would be traded for it
+        own=OWN_DELAY,
+        # none acts before it was given: then the commands' stamps are late
+        if_negative=("clock_shift", "commands", "shift"),
         uneven=True,
         shown=Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
         says=lambda value, _: f"commands act {1e3 * value:.1f} ms late",
+        remark=lambda value, usual: (
+            f"commands act {1e3 * value:.1f} ms after their row: within a row of {1e3 * usual[1]:.1f} ms "
+            "that is how the log was written"
+        ),
     ),
     Cause(  # time from a drive's reading to its torque
         name=NUISANCE,

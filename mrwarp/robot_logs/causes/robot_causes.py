@@ -34,7 +34,7 @@ ORDINARY = tuple(name for name, cause in CATALOGUE.items() if cause.ordinary)
 OUTSIDE = tuple(name for name, cause in CATALOGUE.items() if cause.outside)
 """Effects that are tried, and reported as unexplained."""
 
-DRIVE = tuple(name for name, cause in CATALOGUE.items() if cause.drive)
+DRIVE = tuple(name for name, cause in CATALOGUE.items() if cause.made_of or any(name in x.made_of for x in DECLARED))
 """A drive's torque is a line in Kp and Kd: a factor on all of it is both, so no more than two of the three are
 named."""
 
