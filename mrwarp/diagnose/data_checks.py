@@ -12,7 +12,7 @@ from mrwarp.identify.contradictions import contradictions
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
 from mrwarp.sysid.report.words import both
-from mrwarp.sysid.settings import Gain, Settings
+from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import Error, NextExperiment
 
 if TYPE_CHECKING:
@@ -55,7 +55,9 @@ def no_verdict_reasons(recording: Recording, settings: Settings | None = None) -
     return [true_names(reason, recording.units) for reason in found] + wrong
 
 
-def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:
+def without_verdict(
+    recording: Recording, reasons: list[str], settings: Settings, seed: int, seconds: float
+) -> Diagnosis:
     """The result for data that cannot carry a verdict: why, and the recording to make."""
     from mrwarp.diagnose.result import Diagnosis  # `mrwarp check` does without
 
@@ -66,7 +68,7 @@ def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds
     return Diagnosis(
         verdict=None,
         sentence=f"No verdict: {sentence}.",
-        cannot_know=tuple(reasons + gaps(recording)),
+        cannot_know=tuple(reasons + gaps(recording, settings)),
         baseline=nothing,
         extended=nothing,
         next_experiment=None if to_make.endswith("try again") else following,  # these data only need a change
@@ -88,17 +90,19 @@ def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[s
             f"better (NRMSE {100.0 * before:.1f} % without, {100.0 * after:.1f} % with): check that all are of one "
             f"device and one set-up; {STANDARD}"
         ]
-    left = missed(found.predicted_extended - problem.measured, problem.measured, problem.weight)
+    error, gain = found.predicted_extended - problem.measured, problem.settings.gain
+    left = missed(error, problem.measured, problem.weight, gain.share)
     if left >= problem.settings.data.nothing:
-        reason = explains_nothing(left, problem.motion, problem.units, every_effect=True)
+        reason = explains_nothing(left, problem.motion, problem.units, gain, every_effect=True)
         return [reason if reason.endswith("try again") else f"{reason}; {STANDARD}"]
     return []
 
 
-def gaps(recording: Recording) -> list[str]:
+def gaps(recording: Recording, settings: Settings | None = None) -> list[str]:
     """Questions left open although a verdict can be given; each names the recording to make."""
     from mrwarp.identify.dataset import session_clock
 
+    unchanging = (settings or Settings()).gain.unchanging
     runs = recording.trajectories
     current = np.concatenate([run.current for run in runs])
     top = float(np.abs(current).max())
@@ -122,7 +126,7 @@ def gaps(recording: Recording) -> list[str]:
             "delay, remanence, saturation, viscosity over current); record several constant levels and steps between "
             "them while the joint moves"
         )
-    elif all(np.ptp(run.current) <= Gain.unchanging * top for run in runs):
+    elif all(np.ptp(run.current) <= unchanging * top for run in runs):
         found.append(
             f"the {name} is constant within each trajectory: coil lag, command delay and remanence cannot be seen; "
             f"record steps of the {name} while the joint moves"

@@ -108,7 +108,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         unexplained=unexplained,
         detectable=detectable,
         invisible=invisible,
-        cannot_know=tuple(gaps(recording)),
+        cannot_know=tuple(gaps(recording, problem.settings)),
         baseline=baseline,
         extended=extended,
         gain=gain,

@@ -56,7 +56,7 @@ def first_answer(
         final=False,
         recording_faults=tuple(faults),
         suspects=suspects,
-        cannot_know=tuple(gaps(recording)),
+        cannot_know=tuple(gaps(recording, problem.settings)),
         baseline=nothing,
         extended=nothing,
         accounting=Accounting(named=unknown, predictable=unknown, noise=unknown),

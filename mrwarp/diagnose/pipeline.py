@@ -76,7 +76,7 @@ def diagnose(
     begun = time.perf_counter()
     settings = settings or Settings()
     if reasons := no_verdict_reasons(recording, settings):
-        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+        return without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
     session = _prepared(recording, effects, settings, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(
         session.recording,
@@ -95,7 +95,7 @@ def diagnose(
     problem, recording = session.problem, session.recording
     held_out = hold_out(problem, selection, models.reported(selection.base), models.reported(selection.final))
     if reasons := rejections(held_out, selection, problem):
-        result = without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+        result = without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
         return replace(result, recording_faults=session.faults)
     selection, parts, held_out, account = _accounted(session, models, selection, held_out, seed, log)
     law = session.base.parameters.law

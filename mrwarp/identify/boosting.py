@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 
 from mrwarp.identify.dataset import MOVING, Motion
 from mrwarp.sysid.least_squares import ridge_solve
-from mrwarp.sysid.settings import Data
 
 _PAST = (*(0.01 * 2**k for k in range(7)), 1.0)
 """How far back the features look [s]."""
@@ -175,7 +174,7 @@ def spread_where_it_repeats(motion: Motion, mismatch: np.ndarray, at: np.ndarray
         mine = half[(run == k) & (distance <= limit)]
         if len(mine) > _PAIRS // 10:
             counts[k], spreads[k] = len(mine), float(np.median(mine)) / _HALF_NORMAL
-    known = counts.sum() >= _PAIRS and int((counts > 0).sum()) >= Data.runs
+    known = counts.sum() >= _PAIRS and int((counts > 0).sum()) >= motion.kinematics.settings.data.runs
     return (counts, spreads) if known else (0.0 * counts, 0.0 * spreads)
 
 

@@ -124,12 +124,14 @@ def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_o
         raise RecordingError(f"{recording.source or 'recording'}: {explains_nothing(worst, data, recording.units)}")
 
 
-def forewarning(recording: Recording, least: float = Data.unlikely) -> str:
+def forewarning(recording: Recording, settings: Settings | None = None, *, least: float | None = None) -> str:
     """Gaps of a fit where the plainest laws of a joint leave most of the torque; else, or if unclear, empty.
 
-    ``least`` is the part of the torque's variance, without its spikes, that they have to leave.
+    ``least`` is the part of the torque's variance, without its spikes, that they have to leave; None: as in
+    ``settings``, by default those of the documentation.
     """
-    recording = without_spikes(recording, Spikes())
+    settings = settings or Settings()
+    recording = without_spikes(recording, settings.spikes)
     runs = recording.trajectories
     q, qd, current, torque = (
         np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "qd", "current", "torque")
@@ -137,11 +139,11 @@ def forewarning(recording: Recording, least: float = Data.unlikely) -> str:
     free, passive = _plain_laws(q, qd, np.concatenate([np.gradient(run.qd, run.dt) for run in runs]), current)
     # a stress that does not yield is a spring about the middle of its run
     left = _left(torque, [*free, np.concatenate([run.q - np.median(run.q) for run in runs])], passive)
-    if left < least:
+    if left < (settings.data.unlikely if least is None else least):
         return ""
     from mrwarp.identify.dataset import Dataset  # loads Warp: `mrwarp check` of a good recording does without
 
-    if not (reason := followed_instead(Dataset.of(recording), recording.units)):
+    if not (reason := followed_instead(Dataset.of(recording), recording.units, settings.gain)):
         return ""
     return f"plain friction, inertia and stiffness leave {100.0 * left:.0f} % of the torque's variance: {reason}"
 
@@ -218,14 +220,15 @@ def _unrelated(
     if (unrelated or constant) and (hardly := hardly_moves([run.q for run in runs], recording.units)):
         return [hardly]
     if unrelated:
-        noise = own_noise([run.torque for run in runs], recording.units)
+        noise = own_noise([run.torque for run in runs], recording.units, settings.gain)
         noisy = f" and hardly rises above its own noise ({noise} from sample to sample)" if noise else ""
         return [
             f"the {torque_name} does not follow motion or {name}{noisy}: does the joint move beyond its play, is the "
             "sensor connected, does its log belong to this motion? Did the bench prescribe it (in a log of a "
             "walking robot the motion answers to the torque)? Then record again"
         ]
-    if constant and (reason := forewarning(recording, 0.0)):  # next to which nobody sees what the coil does
+    # next to what plain laws leave nobody sees what the coil does
+    if constant and (reason := forewarning(recording, settings, least=0.0)):
         return [reason]
     if constant:
         return [

@@ -23,44 +23,51 @@ _SOFT = 0.05
 """Share of the usual speed over which dry friction turns its direction."""
 
 
-def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray) -> float:
+def missed(error: np.ndarray, torque: np.ndarray, counts: np.ndarray, share: float = Gain.share) -> float:
     """NRMSE by which a model is kept or refused, wherever one is written: single spikes do not count.
 
     Args:
         error: Simulated minus measured torque, shape (N,).
         torque: The measured one, shape (N,).
         counts: Weight of each sample, shape (N,): 0 where it takes no part.
+        share: Samples that do not count, those with the largest errors [1].
     """
     seen = np.broadcast_to(counts, error.shape) > 0.0
-    size = np.abs(error[seen])  # the few samples with the largest errors do not count
-    plain = size <= np.quantile(size, 1.0 - Gain.share)
+    size = np.abs(error[seen])
+    plain = size <= np.quantile(size, 1.0 - share)
     return float(np.sqrt(np.mean(size[plain] ** 2))) / (float(torque[seen][plain].std()) or 1.0)
 
 
-def explains_nothing(nrmse: float, data: Dataset, units: Mapping[str, str], *, every_effect: bool = False) -> str:
+def explains_nothing(
+    nrmse: float, data: Dataset, units: Mapping[str, str], gain: Gain | None = None, *, every_effect: bool = False
+) -> str:
     """Advice where even the best model misses most of the torque.
 
     Args:
         nrmse: Its error over the torque's standard deviation.
         data: The samples.
         units: Units of the recording.
+        gain: What is a clear share; None: the defaults.
         every_effect: Whether the model was the best with every effect of the catalogue, not eqs. 14 and 15 alone.
     """
     what = "eqs. 14 and 15 and every effect of the catalogue explain" if every_effect else "eqs. 14 and 15 explain"
     name = quantity("torque", units)
-    reason = followed_instead(data, units, every_effect=every_effect) or (
+    reason = followed_instead(data, units, gain, every_effect=every_effect) or (
         "check that it was measured at this joint, that the columns belong together, and that the bench prescribed the "
         "motion. In a log of a walking robot the motion answers to the torque"
     )
     return f"{what} next to nothing of the {name} (NRMSE {100.0 * nrmse:.1f} %): {reason}"
 
 
-def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: bool = False) -> str:
+def followed_instead(
+    data: Dataset, units: Mapping[str, str], gain: Gain | None = None, *, every_effect: bool = False
+) -> str:
     """Cause of a torque that eqs. 14 and 15 miss, with a remedy; empty where nothing shows it."""
+    gain = gain or Gain()
     angle, torque = quantity("q", units), quantity("torque", units)
     if hardly := hardly_moves([data.q[part] * data.scales.q for part in data.parts], units):
         return hardly
-    if own := own_noise([data.torque[part] * data.scales.torque for part in data.parts], units):
+    if own := own_noise([data.torque[part] * data.scales.torque for part in data.parts], units, gain):
         return (
             f"the {torque} hardly rises above its own noise ({own} from sample to sample): move the joint further, "
             f"raise the {quantity('current', units)}, or use a sensor of a smaller range, and try again"
@@ -71,21 +78,21 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
     qdd = np.concatenate([np.gradient(data.qd[part], dt) for part, dt in zip(data.parts, data.dt, strict=True)])
     moved = _rest(plain, qdd)
     by_inertia = 0.0
-    if not any(_opposed(plain[part], data.torque[part], qdd[part]) for part in data.parts):
+    if not any(_opposed(plain[part], data.torque[part], qdd[part], gain.part) for part in data.parts):
         by_inertia = _followed(rest, _rest(moved[:, None], rest))
     turn = 2.0 * np.pi / data.scales.q if units["q"] == "rad" else np.inf
     in_all, in_each = (
         _followed(rest, rest - by_place(data.q, rest, data.parts, turn, own=own)) for own in (False, True)
     )
-    if by_inertia > max(Gain.half, in_all):
+    if by_inertia > max(gain.half, in_all):
         share = 100.0 * by_inertia
         return f"{share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
-    if in_all > Gain.half:
+    if in_all > gain.half:
         return (
             f"{100.0 * in_all:.0f} % of what they leave comes again at the same {angle} in all runs, as cogging or a "
             f"weight's {torque} does{named}"
         )
-    if in_each > Gain.half:
+    if in_each > gain.half:
         cogs = float(np.ptp(data.q)) > turn
         load = "cogging that" if cogs else "a load that depends on the place, such as a weight or a spring, and"
         differs = f"differs between runs{f', or an {angle} that begins elsewhere in each' if cogs else ''}"
@@ -97,13 +104,13 @@ def followed_instead(data: Dataset, units: Mapping[str, str], *, every_effect: b
     return ""
 
 
-def _opposed(plain: np.ndarray, torque: np.ndarray, qdd: np.ndarray) -> bool:
+def _opposed(plain: np.ndarray, torque: np.ndarray, qdd: np.ndarray, part: float) -> bool:
     """Whether the torque of a run falls where the acceleration rises, all else being equal, as no inertia's does.
 
     Where a drive holds a speed, cogging makes both its torque and the acceleration, and neither is the other's cause.
     """
     left, moved = _rest(plain, torque), _rest(plain, qdd)
-    return float(left @ moved) < -Gain.part * float(np.sqrt((left @ left) * (moved @ moved)))
+    return float(left @ moved) < -part * float(np.sqrt((left @ left) * (moved @ moved)))
 
 
 def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
@@ -118,10 +125,10 @@ def hardly_moves(angles: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
     )
 
 
-def own_noise(torques: Sequence[np.ndarray], units: Mapping[str, str]) -> str:
+def own_noise(torques: Sequence[np.ndarray], units: Mapping[str, str], gain: Gain) -> str:
     """Noise of a torque, of each run, that is hardly more than noise; nothing if it is more."""
     rough = float(np.mean([_white(torque) ** 2 for torque in torques]))
-    noisy = rough > Gain.half * float(np.concatenate(torques).var())
+    noisy = rough > gain.half * float(np.concatenate(torques).var())
     return with_unit(f"{np.sqrt(rough):.2g}", units["torque"]) if noisy else ""
 
 
