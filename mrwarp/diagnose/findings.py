@@ -19,7 +19,7 @@ from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size, without_effect
 from mrwarp.diagnose.residual_structure import LAG, Leftover, Line
-from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Gain, Shift, Traces, Tried
+from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces, Tried
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
@@ -30,7 +30,7 @@ from mrwarp.recording.data import NO_INPUT
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 from mrwarp.sysid.settings import Settings
-from mrwarp.sysid.verdict import VERDICTS, Cause, Error, NextExperiment, Suspect, Unexplained, Value
+from mrwarp.sysid.verdict import VERDICTS, Cause, Error, Gain, NextExperiment, Suspect, Unexplained, Value
 
 _NEVER = "at no size in its range would it stand out from what eq. 14 takes up and from the noise"
 _NO_FIELD = "the control input is a load or a pressure, which makes no magnetic field"
@@ -95,7 +95,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     gain = None
     if causes:
         value, ci95 = reduction(held, found.seed)
-        gain = Gain(rmse_reduction=value, ci95=ci95, held_out=names, per_regime=per_regime)
+        gain = Gain(rmse_reduction=value, ci95=ci95, held_out=names)
     rows = np.stack([found.baseline.row, found.extended.row])
     result = Diagnosis(
         verdict=verdict,

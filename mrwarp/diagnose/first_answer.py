@@ -20,7 +20,7 @@ from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.parameters import factor_of
 from mrwarp.model_file import effect_unit
 from mrwarp.recording.load import Recording
-from mrwarp.sysid.verdict import NOT_CHECKED, Error, Suspect, Value, likely
+from mrwarp.sysid.verdict import NOT_CHECKED, Suspect, Value, not_checked
 
 
 def first_answer(
@@ -49,16 +49,11 @@ def first_answer(
     near, most = problem.settings.search.near, problem.settings.law.rivals
     suspects = tuple(s for s in found if s.gain > near * found[0].gain)[:most]
     unknown = float("nan")
-    nothing = Error(rmse=unknown, nrmse=unknown, unit=recording.units["torque"])
     return Diagnosis(
-        verdict=None,
-        sentence=likely(_likeliest(problem, base, suspects)),
-        final=False,
+        **not_checked(_likeliest(problem, base, suspects), recording.units["torque"]),
         recording_faults=tuple(faults),
         suspects=suspects,
         cannot_know=tuple(gaps(recording, problem.settings)),
-        baseline=nothing,
-        extended=nothing,
         accounting=Accounting(named=unknown, predictable=unknown, noise=unknown),
         recording=recording,
         seconds=time.perf_counter() - begun,

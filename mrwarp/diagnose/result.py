@@ -43,18 +43,6 @@ class Tried:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gain:
-    """Gain of the extension on trajectories that took no part in fitting it."""
-
-    rmse_reduction: float
-    """1 - rmse(extended)/rmse(baseline), of the errors that :class:`Diagnosis` defines [1]."""
-    ci95: tuple[float, float]
-    held_out: tuple[str, ...]
-    per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """RMSE of baseline and extension for hold, slip, reversal, current step; units of the recording."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Accounting:
     """Where the baseline's mean squared mismatch goes; the parts add up to 1: :class:`Account` without intervals."""
 
@@ -113,7 +101,6 @@ class Diagnosis(Answer):
     parameter_shift: tuple[Shift, ...] = ()
     invisible: Mapping[str, str] = field(default_factory=dict)
     """Effects that no size would show in these data, and why."""
-    gain: Gain | None = None
     tried: tuple[Tried, ...] = ()
     account: Account | None = None
     """Shifts with intervals, and their evidence."""
@@ -121,8 +108,9 @@ class Diagnosis(Answer):
     """Samples that were kept out of every fit; None: there are none."""
     accounting: Accounting = Accounting(named=0.0, predictable=0.0, noise=1.0)
     per_trajectory: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """RMSE of baseline and extension, of the same errors; so is that per regime."""
+    """RMSE of baseline and extension, of the same errors."""
     per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """RMSE for hold, slip, reversal, current step."""
     model: Model | None = None
     """The extended model."""
     baseline_model: Model | None = None
@@ -163,14 +151,12 @@ class Diagnosis(Answer):
 
     def to_dict(self) -> dict[str, Any]:
         """The figures of ``result.json``, with those of a joint."""
-        gain = {"rmse_reduction": None, "ci95": (None, None), "held_out": (), "per_regime": {}}
-        if self.gain is not None:
-            gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
         account = None
         if self.account is not None:
             account = {name: x for name, x in asdict(self.account).items() if name != "unreported"}
         rows = ("recording_faults", "parameter_shift", "tried")
-        return super().to_dict() | {
+        found = super().to_dict()
+        return found | {
             "invisible": self.invisible,
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
             "accounting": asdict(self.accounting),
@@ -178,7 +164,7 @@ class Diagnosis(Answer):
             **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
             "account": account,
             "law": self._law(),
-            "gain": gain,
+            "gain": found["gain"] | {"per_regime": _before_after(self.per_regime) if self.gain else {}},
             "spikes": {name: getattr(self.spikes, name) for name in _COUNTED} if self.spikes else None,
             "noise_rms": self.traces.noise_rms if self.traces else None,
             "data": _about(self.recording),

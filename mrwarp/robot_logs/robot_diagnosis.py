@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -41,11 +40,12 @@ from mrwarp.sysid.verdict import (
     NOT_CHECKED,
     VERDICTS,
     Error,
+    Gain,
     Suspect,
     Unexplained,
     Value,
     being_checked,
-    likely,
+    not_checked,
 )
 
 NOT_PREDICTED = "pieces of the log that took no part are not clearly predicted better with it"
@@ -254,7 +254,7 @@ def _sized(case: _Case, judged: _Judged) -> _Judged:
     return replace(judged, found=likely, rejected=rejected, size=size, near=near)
 
 
-def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, dict[str, Any], dict[str, tuple[float, float]]]:
+def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict[str, tuple[float, float]]]:
     """Errors on parts that took no part, with and without the causes; without any where all together are worse.
 
     What is outside the catalogue acts before and after.
@@ -265,12 +265,12 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, dict[str, 
     usual = bounds_without(case.parameters, [f.hypothesis for f in found if f not in foreign])
     before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, bounds=usual)
 
-    def errors_of(found: list[Found], near: Likelihood) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+    def errors_of(found: list[Found], near: Likelihood) -> tuple[Gain, dict[str, tuple[float, float]]]:
         own = ([f.hypothesis for f in foreign], before[1], usual), ([f.hypothesis for f in found], near, wide)
         return held_out(case.model, case.groups, judged.likelihood, case.parameters, *own)
 
     rejected, (gain, errors) = judged.rejected, errors_of(found, near)
-    if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
+    if gain.ci95[1] < 0.0:  # each was clear, but with them all together the replay is worse
         rejected = {**rejected, **{f: NOT_PREDICTED for f in found if f not in foreign}}
         found, usual = foreign, wide
         size, near = before = _alone(case, judged, foreign)
@@ -355,20 +355,12 @@ def _first_answer(
                 change=change,
             )
         )
-    nothing = Error(rmse=unknown, nrmse=unknown, unit="healthy error")
     return RobotDiagnosis(
-        verdict=None,
-        sentence=likely("; ".join(cause_text(c) for c in found) or "no single fault that stands out"),
-        final=False,
-        causes=(),
+        **not_checked("; ".join(map(cause_text, found)) or "no single fault that stands out", "healthy error"),
         suspects=tuple(
             Suspect(name=c.name, reason=f"at {c.where}: {NOT_CHECKED}", parameters=c.parameters, gain=c.gain)
             for c in found
         ),
-        cannot_know=(),
-        baseline=nothing,
-        extended=nothing,
-        gain={"rmse_reduction": None, "ci95": (None, None), "held_out": ()},
         per_joint={},
         session={},
         parameters=tuple(parameters),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -34,6 +33,7 @@ from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, predicted
 from mrwarp.sysid.plant import Listed
 from mrwarp.sysid.stepwise import eliminated
+from mrwarp.sysid.verdict import Gain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,7 +226,7 @@ def held_out(
     likelihood: Likelihood,
     parameters: list[Parameter],
     *fits: tuple[list[Hypothesis], Likelihood, tuple[np.ndarray, np.ndarray]],
-) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+) -> tuple[Gain, dict[str, tuple[float, float]]]:
     """Error of the replay on parts of the log that took no part, before and after, both with their session's offsets.
 
     ``fits`` are the causes of each, the likelihood about its fit, and its bounds.
@@ -259,4 +259,4 @@ def held_out(
         errors[name] = (float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean())))
         if name == "q":
             errors |= {f"q.{j}": (float(before[k]), float(after[k])) for k, j in enumerate(model.joints)}
-    return {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(count))}, errors
+    return Gain(rmse_reduction=value, ci95=(value - half, value + half), held_out=tuple(range(count))), errors

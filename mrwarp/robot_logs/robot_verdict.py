@@ -32,8 +32,6 @@ class RobotDiagnosis(Answer):
     """A verdict over a robot's log; errors are RMS, each channel in units of its healthy error."""
 
     causes: tuple[NamedCause, ...] = ()
-    gain: Mapping[str, Any]
-    """Reduction of the error on pieces of the log that took no part: rmse_reduction, ci95, held_out."""
     per_joint: Mapping[str, Mapping[str, float]]
     """RMSE of the angle over windows that took no part, before and after, by joint [rad]."""
     per_channel: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -53,7 +51,7 @@ class RobotDiagnosis(Answer):
         for row in found["causes"]:
             del row["change"]
         return found | {
-            **{name: getattr(self, name) for name in ("gain", "per_joint", "per_channel", "session")},
+            **{name: getattr(self, name) for name in ("per_joint", "per_channel", "session")},
             "parameter_shift": [],
             "data": {
                 "source": str(self.log.path),
@@ -84,10 +82,10 @@ def lines(d: RobotDiagnosis) -> Iterator[str]:
     for c in d.causes:
         if c.alternatives:
             yield f"{c.name} of {c.where}: this log does not distinguish it from {', '.join(c.alternatives)}"
-    if d.causes:
-        low, high = (100.0 * x for x in d.gain["ci95"])
+    if d.causes and d.gain is not None:
+        low, high = (100.0 * x for x in d.gain.ci95)
         yield (
-            f"\nerror on pieces of the log that took no part: {-100.0 * d.gain['rmse_reduction']:+.1f} % "
+            f"\nerror on pieces of the log that took no part: {-100.0 * d.gain.rmse_reduction:+.1f} % "
             f"({-high:+.1f} to {-low:+.1f} %)"
         )
     if d.cannot_know:

@@ -23,11 +23,6 @@ NOT_CHECKED = "a first look only: nothing was checked"
 """Why no candidate of a first answer is a cause."""
 
 
-def likely(what: str) -> str:
-    """The sentence of a first answer: what looks likeliest after one look at every candidate, before any is checked."""
-    return f"Likely: {what}; not checked."
-
-
 def being_checked(sentence: str) -> str:
     """The line that says so while it is checked."""
     return sentence.replace("Likely", "likely", 1).replace("; not checked.", "; checking")
@@ -95,6 +90,17 @@ class Error:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Gain:
+    """Gain of the extension on pieces that took no part in fitting it."""
+
+    rmse_reduction: float
+    """1 - rmse(extended)/rmse(baseline), of the answer's errors [1]."""
+    ci95: tuple[float, float]
+    held_out: tuple[str | int, ...]
+    """Names of the pieces, or their numbers."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class NextExperiment:
     """A recording that would settle what this one leaves open."""
 
@@ -122,10 +128,11 @@ class Answer:
     unexplained: Unexplained | None = None
     detectable: Mapping[str, Value] = field(default_factory=dict)
     """Smallest size of each effect that these data would have shown; effects missing here are invisible in them."""
-    cannot_know: tuple[str, ...]
+    cannot_know: tuple[str, ...] = ()
     """Questions that these data cannot answer, each with the recording to make."""
     baseline: Error
     extended: Error
+    gain: Gain | None = None
     next_experiment: NextExperiment | None = None
     notes: tuple[str, ...] = ()
     seconds: float
@@ -135,11 +142,13 @@ class Answer:
     def to_dict(self) -> dict[str, Any]:
         """The figures of ``result.json``; an interval that the data do not give holds infinities, written as null."""
         plain = ("verdict", "final", "seconds", "sentence", "cannot_know", "notes")
+        gain = {"rmse_reduction": None, "ci95": (None, None), "held_out": ()}
         parts = ("unexplained", "baseline", "extended", "next_experiment")
         return {
             **{name: getattr(self, name) for name in plain},
             **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
             **{name: [asdict(row) for row in getattr(self, name)] for name in ("causes", "suspects")},
+            "gain": asdict(self.gain) if self.gain else gain,
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
         }
 
@@ -150,3 +159,10 @@ class Answer:
         """
         figures = self.to_dict() | dict(extras or {}) | {"model": model_name or None}
         return write_result(out, figures, seed=self.seed, command=command)
+
+
+def not_checked(what: str, unit: str) -> dict[str, Any]:
+    """Fields of a first answer: what looks likeliest after one look at every candidate, and errors of this unit."""
+    unknown = Error(rmse=float("nan"), nrmse=float("nan"), unit=unit)
+    sentence = f"Likely: {what}; not checked."
+    return {"verdict": None, "sentence": sentence, "final": False, "baseline": unknown, "extended": unknown}

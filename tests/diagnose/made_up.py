@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Gain, Shift, Traces, Tried
+from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces, Tried
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.model_file import FittedOn, Model, Parameter, make_effect
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, Trajectory
-from mrwarp.sysid.verdict import Cause, Error, NextExperiment, Unexplained, Value, Verdict
+from mrwarp.sysid.verdict import Cause, Error, Gain, NextExperiment, Unexplained, Value, Verdict
 
 DT = 0.005
 NOISE = 0.05
@@ -49,10 +49,8 @@ def make(verdict: Verdict | None = "named", *, runs: int = 8, samples: int = 800
         "cannot_know": (),
         "baseline": Error(rmse=_rms(before), nrmse=_rms(before) / spread, unit="N·m"),
         "extended": Error(rmse=_rms(after), nrmse=_rms(after) / spread, unit="N·m"),
-        "gain": Gain(
-            rmse_reduction=0.4, ci95=(0.35, 0.45), held_out=tuple(names[:2]),
-            per_regime={name: (0.2, 0.1) for name in REGIMES}
-        ) if verdict in ("named", "named_and_unexplained") else None,
+        "gain": Gain(rmse_reduction=0.4, ci95=(0.35, 0.45), held_out=tuple(names[:2]))
+        if verdict in ("named", "named_and_unexplained") else None,
         "next_experiment": NextExperiment(
             what="Step the current at constant speed.", seconds=20.0, separates=("coil_lag", "command_delay"),
             kind="current_steps", settings={"speed": 1.0}),

@@ -193,8 +193,8 @@ def test_causes_with_which_parts_of_the_log_are_foretold_worse_are_not_named(
 
     def worse(*args):  # noqa: ANN002, ANN202
         gain, errors = held_out(*args)
-        seen.append(gain["ci95"])
-        return ({**gain, "ci95": (-0.4, -0.1)} if len(seen) == 1 else gain), errors
+        seen.append(gain.ci95)
+        return (replace(gain, ci95=(-0.4, -0.1)) if len(seen) == 1 else gain), errors
 
     monkeypatch.setattr(robot_diagnosis, "held_out", worse)
     d = _diagnosed(folder)

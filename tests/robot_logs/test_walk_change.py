@@ -33,7 +33,6 @@ def test_friction_and_a_load_cost_power(tmp_path: Path) -> None:
         cannot_know=(),
         baseline=error,
         extended=error,
-        gain={},
         per_joint={},
         session={},
         parameters=tuple(parameters),

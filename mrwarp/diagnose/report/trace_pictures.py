@@ -40,8 +40,6 @@ STYLE: dict[Any, Any] = {
     "axes.labelsize": 12.0,
     "legend.fontsize": 11.0,
     "legend.framealpha": 0.85,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
     "axes.grid": True,
     "grid.alpha": 0.25,
     "lines.linewidth": 1.6,

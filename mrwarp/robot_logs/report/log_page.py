@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from mrwarp.robot_logs.report.compared_replays import UNITS
@@ -20,19 +21,16 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walke
     """The page as text; ``pictures`` are PNGs by name."""
     content = {
         "answers": _answers(d),
-        "sentence": d.sentence,
         "causes": [_cause(c) for c in d.causes],
         "facts": _facts(d),
         "suspects": [(s.name.replace("_", " "), s.reason) for s in d.suspects],
-        "unexplained": d.unexplained,
         "gain": _gain(d),
-        "joints": _joints(d),
-        "channels": _channels(d),
+        "joints": [_errors(joint, e, lambda x: f"{1e3 * x:.2f}") for joint, e in d.per_joint.items()],
+        "channels": [_errors(c, e, partial(_number, unit=UNITS.get(c, ""))) for c, e in d.per_channel.items()],
         "experiment": d.next_experiment,
         "cannot_know": [_parted(x) for x in d.cannot_know],
-        "session": _session(d),
+        "session": [(joint, f"{1e3 * x:+.1f} mrad".replace("-", "−")) for joint, x in d.session.items()],
         "data": _data(d),
-        "notes": d.notes,
         "walked": walked,
         "walk_head": HEAD,
     }
@@ -50,8 +48,8 @@ def _answers(d: RobotDiagnosis) -> list[tuple[str, str]]:
         first = [next(iter(c.parameters.values())) for c in d.causes[:1]]
         size = [_number(v.value, v.unit) for v in first] or ["nothing beyond what healthy robots differ by"]
         sure, todo = [f"95 %: {_interval(v)}" for v in first], []
-        if d.causes:
-            size.append(f"error {signed(-d.gain['rmse_reduction'], 0)}")
+        if d.causes and d.gain is not None:
+            size.append(f"error {signed(-d.gain.rmse_reduction, 0)}")
             sure.append("by pieces of the log that took no part")
             todo.append("take robot.usda: it has the causes")
     sure += [f"suspected, not proven: {both(s.name.replace('_', ' ') for s in d.suspects[:MOST_SHOWN])}"][
@@ -86,9 +84,9 @@ def _facts(d: RobotDiagnosis) -> list[tuple[str, str]]:
         name, v = next(iter(c.parameters.items()))
         place = "" if c.where == "robot" else f" of {c.where}"
         facts.append((_number(v.value, v.unit), f"{c.name.replace('_', ' ')}{place}: {name}, 95 % {_interval(v)}"))
-    if d.causes:
-        low, high = (percent(x) for x in d.gain["ci95"])
-        fall = signed(-d.gain["rmse_reduction"])
+    if d.causes and d.gain is not None:
+        low, high = (percent(x) for x in d.gain.ci95)
+        fall = signed(-d.gain.rmse_reduction)
         facts.append((fall, f"error on parts of the log that took no part ({low} to {high} less)"))
     return facts
 
@@ -114,28 +112,15 @@ def _gain(d: RobotDiagnosis) -> str:
     )
 
 
-def _joints(d: RobotDiagnosis) -> list[tuple[str, ...]]:
-    return [
-        (joint, f"{1e3 * e['baseline']:.2f}", f"{1e3 * e['extended']:.2f}", change(e["baseline"], e["extended"]))
-        for joint, e in d.per_joint.items()
-    ]
-
-
-def _channels(d: RobotDiagnosis) -> list[tuple[str, ...]]:
-    return [
-        (name, *(_number(x, UNITS.get(name, "")) for x in e.values()), change(e["baseline"], e["extended"]))
-        for name, e in d.per_channel.items()
-    ]
+def _errors(name: str, e: Mapping[str, float], shown: Callable[[float], str]) -> tuple[str, ...]:
+    before, after = e.values()
+    return name, shown(before), shown(after), change(before, after)
 
 
 def _parted(line: str) -> tuple[str, str]:
     """Causes that cannot be known, and why, with the motion that would show them."""
     what, colon, why = line.partition(": ")
     return (what.replace("_", " "), why) if colon else ("", line)
-
-
-def _session(d: RobotDiagnosis) -> list[tuple[str, str]]:
-    return [(joint, f"{1e3 * value:+.1f} mrad".replace("-", "−")) for joint, value in d.session.items()]
 
 
 def _data(d: RobotDiagnosis) -> list[tuple[str, str]]:

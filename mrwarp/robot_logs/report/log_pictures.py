@@ -68,8 +68,6 @@ def _where(d: RobotDiagnosis, compared: list[Compared]) -> Figure:
     colors = [BEFORE if j in marked else "#a3abb5" for j in range(joints)]
     right.barh(np.arange(joints) + 0.5, values, color=colors, height=0.7)
     right.set(xlabel="RMS [mrad]")
-    for axis in (left, right):
-        axis.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -92,8 +90,6 @@ def _errors(d: RobotDiagnosis) -> Figure:
     right.set(xlabel="error with the causes, % of before", yticks=np.arange(len(names)))
     right.set_yticklabels(names, fontsize=8)
     right.invert_yaxis()
-    for axis in (left, right):
-        axis.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -118,6 +114,4 @@ def _trace(d: RobotDiagnosis, compared: list[Compared]) -> Figure:
     bottom.set(xlabel="time, recordings end to end [s]", ylabel="mismatch [mrad]")
     bottom.axhline(0.0, color="#a3abb5", linewidth=0.8)
     top.legend(frameon=False, fontsize=8, ncols=3)
-    for axis in (top, bottom):
-        axis.spines[["top", "right"]].set_visible(False)
     return figure

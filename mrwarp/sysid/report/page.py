@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
@@ -28,8 +27,7 @@ MOST_SHOWN = 2
 NOTHING = "nothing that these data could show"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Table:
+class Table(NamedTuple):
     """A further table of the report: rows of text."""
 
     head: Sequence[str]
@@ -51,17 +49,17 @@ def page(
     Args:
         d: The answer.
         command: Its origin.
-        content: Everything that the plant's template shows, as plain text.
+        content: Content of the plant's template as plain text; it comes before what the answer says itself.
         pictures: PNGs by name.
         room: Package with that template, ``sections.html.jinja``, which fills the frame ``page.html.jinja``.
         source: Name of what was diagnosed.
         filters: Further filters of the template.
     """
-    loader = ChoiceLoader([PackageLoader(package, ".") for package in (room, __package__)])
+    loader = ChoiceLoader([PackageLoader(package, ".") for package in (room, "mrwarp.sysid.report")])
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters |= filters or {}
     text = environment.get_template("sections.html.jinja").render(
-        content,
+        {"sentence": d.sentence, "unexplained": d.unexplained, "notes": d.notes} | dict(content),
         source=source,
         heading=f"Diagnosis of {_cut(short(source, 40), _NAME)}",
         pictures={name: base64.b64encode(data).decode() for name, data in pictures.items()},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping
 
+import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 
@@ -23,11 +24,12 @@ def drawn(
     """
     found: dict[str, bytes] = {}
     notes: list[str] = []
-    for name, make in makers.items():
-        with drawing(f"the picture {name!r}", notes.append):
-            if (figure := make()) is not None:
-                _titled(figure, titles[name], size)
-                found[name] = png(figure, dpi)
+    with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False}):
+        for name, make in makers.items():
+            with drawing(f"the picture {name!r}", notes.append):
+                if (figure := make()) is not None:
+                    _titled(figure, titles[name], size)
+                    found[name] = png(figure, dpi)
     return {name: found[name] for name in titles if name in found}, notes
 
 

@@ -20,7 +20,7 @@ from mrwarp.robot_logs.report import log_page, log_pictures
 from mrwarp.robot_logs.robot_verdict import NamedCause
 from mrwarp.sysid.report import pictures as shared
 from mrwarp.sysid.report.page import MOST_WORDS, fitted
-from mrwarp.sysid.verdict import Cause, Suspect, Value
+from mrwarp.sysid.verdict import Cause, Gain, Suspect, Value
 from tests.diagnose import made_up
 
 VERDICTS = ("none", "named", "unexplained", "named_and_unexplained", None)
@@ -142,7 +142,7 @@ def test_a_robot_is_answered_as_briefly(count: int) -> None:
         unexplained=None,
         suspects=(),
         next_experiment=None,
-        gain={"rmse_reduction": 0.5, "ci95": (0.4, 0.6)},
+        gain=Gain(rmse_reduction=0.5, ci95=(0.4, 0.6), held_out=()),
     )
     found = log_page._answers(cast(Any, d))
     assert sum(len(f"{question} {answer}".split()) for question, answer in found) <= MOST_WORDS - 6
