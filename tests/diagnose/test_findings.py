@@ -1,5 +1,6 @@
 """Units: what the diagnosis writes for any device can be read again, and numbers scale as the device does."""
 
+from dataclasses import astuple
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -72,36 +73,43 @@ def fitted_recording(q: float, current: float, size: float):
     return problem, fit_model(problem, c, x, iterations=4), recording
 
 
+UNITS = Scales(q=0.03125, current=8.0, torque=256.0)
+"""Of a device in m, V and N, in those of the joint: powers of two, by which no sample is rounded."""
+
+OF_FACTORS = 8.0 * float(np.finfo(float).eps)
+"""Relative rounding of a number's factor: three powers of scales and their products."""
+
+
 def test_model_scales_with_the_units(tmp_path: Path) -> None:
     """A device in m, V and N: every number and interval times its factor, and the file can be read."""
-    (one, fit, here), (other, same, there) = fitted_recording(1.0, 1.0, 1.0), fitted_recording(0.04, 6.0, 250.0)
-    assert other.motion.scales.torque == pytest.approx(250.0 * one.motion.scales.torque)
+    (one, fit, here), (other, same, there) = fitted_recording(1.0, 1.0, 1.0), fitted_recording(*astuple(UNITS))
+    assert other.motion.scales.torque == UNITS.torque * one.motion.scales.torque
+    np.testing.assert_array_equal(same.x, fit.x)
     plain, scaled = outer_model(one, fit, here, 3), outer_model(other, same, there, 3)
-    step = Scales(q=0.04, current=6.0, torque=250.0)
     for name, p in plain.parameters.items():
-        assert scaled.parameters[name].value == pytest.approx(p.value * step.factor(name), rel=2e-3, abs=1e-9)
+        assert scaled.parameters[name].value == pytest.approx(p.value * UNITS.factor(name), rel=OF_FACTORS, abs=0.0)
     for effect, its in zip(plain.effects, scaled.effects, strict=True):
         for name, p in effect.parameters.items():
-            factor = factor_of(parameter_of(effect.name, name), step)
-            assert its.parameters[name].value == pytest.approx(p.value * factor, rel=2e-2)
+            factor, found = factor_of(parameter_of(effect.name, name), UNITS), its.parameters[name]
+            assert found.value == pytest.approx(p.value * factor, rel=OF_FACTORS, abs=0.0)
             if p.ci95 is not None:
-                assert its.parameters[name].ci95 == pytest.approx([x * factor for x in p.ci95], rel=5e-2, abs=1e-6)
+                assert found.ci95 == pytest.approx([x * factor for x in p.ci95], rel=OF_FACTORS, abs=0.0)
     assert load_model(save_model(plain, tmp_path / "plain.json")) == plain
     assert load_model(save_model(scaled, tmp_path / "scaled.json")) == scaled
 
 
 def test_model_holds_what_was_hidden() -> None:
-    """In the recording's units the fitted numbers are those that were put in, inside their intervals."""
+    """In the recording's units the fitted numbers are those that were put in, to four standard errors."""
     problem, fit, recording = fitted_recording(1.0, 1.0, 1.0)
     model = outer_model(problem, fit, recording, 3)
-    assert model.parameters["q_offset"].value == pytest.approx(0.1 * problem.motion.scales.q)
+    assert model.parameters["q_offset"].value == 0.1 * problem.motion.scales.q
     for effect in model.effects:
         if effect.name == "temperature_drift":  # of which 8 s show little
             continue
         for name, p in effect.parameters.items():
             true = HIDDEN[effect.name][name]
             assert p.ci95 is not None and p.ci95[0] <= p.value <= p.ci95[1]
-            assert p.value == pytest.approx(true, abs=1.5 * (p.ci95[1] - p.ci95[0]) + 0.02 * abs(true))
+            assert p.value == pytest.approx(true, abs=p.ci95[1] - p.ci95[0])
     [lag] = fit.parameters.own("coil_lag")
     low, high = model.effects[0].parameters["time_constant"].ci95 or (0.0, 0.0)  # an interval of the logarithm
     assert low < np.exp(fit.x[lag]) < high and np.sqrt(low * high) == pytest.approx(np.exp(fit.x[lag]))
@@ -110,14 +118,14 @@ def test_model_holds_what_was_hidden() -> None:
 def test_predictor_speaks_the_recordings_units() -> None:
     """On the recording that was fitted it gives the fit's torque, in any units the same but for the factor."""
     found = []
-    for q, current, size in ((1.0, 1.0, 1.0), (0.04, 6.0, 250.0)):
-        problem, fit, recording = fitted_recording(q, current, size)
+    for units in (Scales(), UNITS):
+        problem, fit, recording = fitted_recording(*astuple(units))
         predictor = Predictor(rows=np.stack([fit.row, fit.row]), motion=problem.motion, recording=recording)
         tau = predictor.torque(recording)
-        np.testing.assert_allclose(tau[1], fit.torque * problem.motion.scales.torque, rtol=1e-5, atol=1e-4 * size)
+        np.testing.assert_array_equal(tau[1], fit.torque * problem.motion.scales.torque)
         np.testing.assert_array_equal(tau[0], tau[1])
-        found.append(tau[0] / size)
-    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=2e-3)
+        found.append(tau[0] / units.torque)
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 @pytest.mark.parametrize("reason", ["its 95 % interval contains zero", HIDDEN_MOTION])

@@ -9,6 +9,7 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.identify import learn
+from mrwarp.identify.dataset import rms
 from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit, save_model
 from mrwarp.nn import network_file as model_file
 from mrwarp.nn.network_file import SamplingRateError
@@ -45,20 +46,22 @@ def make_recording(count: int, seed: int, *, current: float | None = None, dt: f
 
 
 def test_residual_target_of_a_perfect_model_is_learned_as_a_constant() -> None:
-    """Bouc-Wen leaves 0.3 N·m: after a few epochs PG-RLSTM misses unseen trajectories by far less."""
+    """Bouc-Wen leaves the friction that it lacks: PG-RLSTM leaves a fifth of it at most on unseen trajectories."""
     learned = learn.learn(make_recording(10, seed=0), kind="pg_rlstm", cfg=QUICK)
     evaluation = make_recording(4, seed=1, current=1.2)
     physical = learn.summary(learn.errors(learn.bouc_wen_torque(evaluation, PAPER), evaluation))
     with_residual = learn.summary(learn.errors(learn.predict(learned.model, evaluation), evaluation))
-    assert physical["average"] == pytest.approx(0.3, abs=0.02)
-    assert with_residual["average"] < 0.05
+    lacking = [0.3 * np.tanh(run.qd / 0.02) ** 2 for run in evaluation.trajectories]
+    rounding = float(np.finfo(np.float32).eps) * max(np.abs(run.torque).max() for run in evaluation.trajectories)
+    assert physical["average"] == pytest.approx(np.mean([rms(x[learn.SKIP :]) for x in lacking]), abs=rounding)
+    assert with_residual["average"] < physical["average"] / 5.0
     assert list(physical["by_current"]) == ["1.2"] and physical["by_current"]["1.2"]["trajectories"] == 4
     assert learned.figures["trajectories"] == {"training": 8, "validation": 2}
     assert learned.model.bouc_wen["q_neutral"] == 0.0
 
 
 def test_a_residual_on_a_law_and_an_effect(tmp_path: Path) -> None:
-    """The rest of a model with Kwok's law is learned on top of it; the file keeps the law's numbers."""
+    """The rest of a model with Kwok's law is learned on top of it, to a quarter; the file keeps the law's numbers."""
     law, silent = {"slope": 3.0, "width": 0.4}, make_recording(6, seed=11)
     values = {**PAPER, "alpha": 0.0, "beta": 1.0, "gamma": 0.0, "K0": 0.4, "K1": 0.5}
     del values["q_neutral"]
@@ -71,11 +74,12 @@ def test_a_residual_on_a_law_and_an_effect(tmp_path: Path) -> None:
     runs = tuple(replace(r, torque=x + 0.2) for r, x in zip(silent.trajectories, tau, strict=True))
     recording = replace(silent, trajectories=runs)
     learned = learn.learn(recording, kind="pg_rlstm", physical=model, cfg=QUICK)
-    assert learned.model.trained_with == {"kwok": law} and learned.figures["validation_rmse"] < 0.05
+    assert learned.model.trained_with == {"kwok": law} and learned.figures["validation_rmse"] < 0.2 / 4.0
     model_file.save(learned.model, tmp_path / "m.safetensors")
     again = model_file.load(tmp_path / "m.safetensors")
     predicted = learn.predict(again, recording, tau)
-    assert max(float(np.sqrt(np.nanmean((p - r.torque) ** 2))) for p, r in zip(predicted, runs, strict=True)) < 0.05
+    worst = max(float(np.sqrt(np.nanmean((p - r.torque) ** 2))) for p, r in zip(predicted, runs, strict=True))
+    assert worst < 0.2 / 4.0
     with pytest.raises(ValueError, match="another physical model"):
         learn.predict(again, recording)
 
@@ -126,7 +130,7 @@ def test_learn_command_writes_model_curves_and_result(tmp_path: Path, capsys: py
     assert model.device["K1"] == model.bouc_wen["K1"] == 9.0 and model.seed == result["seed"] == 5
     evaluation = load_recording(data / "evaluation")
     again = learn.summary(learn.errors(learn.predict(model, evaluation), evaluation))
-    assert result["evaluation"]["mlp"]["average"] == pytest.approx(again["average"], rel=1e-6)
+    assert result["evaluation"]["mlp"] == again
     assert result["windows_seen"] == 600
     assert "bouc_wen" in capsys.readouterr().out
 
@@ -143,7 +147,7 @@ def test_learn_command_refuses_bad_input_and_writes_nothing(tmp_path: Path, caps
 
 
 def test_residual_on_another_physical_model() -> None:
-    """With a baseline of its own the residual is learned and predicted on it, and needs it again to predict."""
+    """With a baseline of its own the residual is learned, to a twentieth, and predicted on it; it is needed again."""
     recording, evaluation = make_recording(6, seed=10), make_recording(2, seed=11, current=1.0)
 
     def baseline(part: Recording) -> list[np.ndarray]:
@@ -151,7 +155,7 @@ def test_residual_on_another_physical_model() -> None:
 
     learned = learn.learn(recording, kind="pg_rlstm", baseline=baseline(recording), cfg=replace(QUICK, epochs=8))
     tau = learn.predict(learned.model, evaluation, baseline(evaluation))
-    assert learn.summary(learn.errors(tau, evaluation))["average"] < 0.1
+    assert learn.summary(learn.errors(tau, evaluation))["average"] < 2.0 / 20.0
     with pytest.raises(ValueError, match="give its torque as baseline"):
         learn.predict(learned.model, evaluation)
 

@@ -15,9 +15,15 @@ from mrwarp.robot_logs.window_replay import Replay
 from mrwarp.robot_logs.windows import Windows, cut_windows
 from tests.robot_logs.arm_log import arm_log
 
+EPS = float(np.finfo(np.float32).eps)
+
 
 def test_robots_that_are_replayed_at_once_leave_what_each_leaves(tmp_path: Path) -> None:
-    """Of windows that count; a robot that is far off leaves more."""
+    """Of windows that count; a robot that is far off leaves more.
+
+    Where derivatives were taken, long steps leave what the windows' own do, as sums of three float32 mismatches whose
+    squares count; a fifth of all faults away within 2 %. Every second window stands for all to four standard errors.
+    """
     log = load_log(arm_log(tmp_path, seconds=3.0))
     model = replay_model(tmp_path / "arm.xml", log)
     parameters, groups = parameters_of(model, log), cut_windows(model, log)
@@ -25,16 +31,17 @@ def test_robots_that_are_replayed_at_once_leave_what_each_leaves(tmp_path: Path)
     thetas = np.zeros((2, len(parameters)))
     thetas[1] = [0.2 * p.fault for p in parameters]
     together = left_by_each(likelihood, model, groups, parameters, thetas)
-    for theta, left, rel in zip(thetas, together, (1e-6, 0.02), strict=True):
+    errors = []
+    for theta, left, rel in zip(thetas, together, (6.0 * EPS, 0.02), strict=True):
         near, moved = replayed(likelihood, model, groups, parameters, theta)
         assert left == pytest.approx(near / likelihood.scale, rel=1e-9)
         assert near == pytest.approx(moved.at(theta))
-        # where derivatives were taken, long steps leave what the windows' own do, and nearly that elsewhere
         fine = losses(likelihood, model, groups, parameters, np.tile(theta, (len(likelihood.square), 1)))[0]
         assert near == pytest.approx(likelihood.weight @ fine, rel=rel)
+        errors.append(np.sqrt(len(fine)) * np.std(likelihood.weight * fine) / likelihood.scale)
     assert together[1] > 2.0 * together[0]
     some = left_by_each(likelihood, model, groups, parameters, thetas, every=2)
-    assert some == pytest.approx(together, rel=0.5) and abs(some - together).min() > 0.0
+    assert (abs(some - together) < 4.0 * np.array(errors)).all() and abs(some - together).min() > 0.0
 
 
 def test_searches_take_the_long_steps_of_the_derivatives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

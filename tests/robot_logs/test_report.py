@@ -153,7 +153,7 @@ def test_the_first_answer_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 def test_the_first_answer_names_what_descriptions_rarely_know(tmp_path: Path) -> None:
-    """Dry friction of the elbow, three times the description's; of a healthy arm nothing is likely."""
+    """Dry friction of the elbow, three times the description's, to a third; of a healthy arm nothing is likely."""
 
     def rubs(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[1] += 0.3

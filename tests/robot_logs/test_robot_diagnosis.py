@@ -34,10 +34,11 @@ from mrwarp.robot_logs.selection import (
     select,
     sizes,
 )
+from mrwarp.robot_logs.slopes import CREEP
 from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import TrueRobot
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
-from mrwarp.robot_logs.windows import cut_windows, held_rows
+from mrwarp.robot_logs.windows import SPEED_STEPS, cut_windows, held_rows
 from mrwarp.sysid.settings import Robot, Settings
 from mrwarp.sysid.verdict import Value
 from tests.robot_logs.arm_log import arm_log, six_joint_log
@@ -127,14 +128,22 @@ def test_gains_that_the_log_does_not_tell_come_back(tmp_path: Path) -> None:
     assert list(found) == ["robot"] and found["robot"].value == pytest.approx(15.0, abs=half(found["robot"]))
 
 
-def test_torques_of_all_drives_together_cannot_be_known_in_the_air(healthy_arm: Path) -> None:
-    """Logged gains are 0.85 times the robot's, as masses too small would look: no cause, and reported so."""
-    log = load_log(healthy_arm)
+def test_torques_of_all_drives_together_cannot_be_known_in_the_air(
+    healthy_arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Logged gains are 0.85 times the robot's, as masses too small would look: no cause, and reported so.
+
+    The note has two decimals, of a size that is known to four of its standard errors.
+    """
+    log, notes, known = load_log(healthy_arm), robot_diagnosis._notes, []
+    monkeypatch.setattr(robot_diagnosis, "_notes", lambda *args: known.append(args[-1]) or notes(*args))
     d = diagnose_log(healthy_arm / "arm.xml", replace(log, kp=0.85 * log.kp, kd=0.85 * log.kd))
     assert d.causes == ()
     assert any(text.startswith("motor_strength of robot: up to some 20 %") for text in d.cannot_know)
     (note,) = (text for text in d.notes if text.startswith("all drives' torques are "))
-    assert float(note.split()[4]) == pytest.approx(1.0 / 0.85, abs=0.03)
+    scale = next(k for k, p in enumerate(d.parameters) if p.field == "scale")
+    error = np.sqrt(known[0].covariance[scale, scale])
+    assert float(note.split()[4]) == pytest.approx(1.0 / 0.85, abs=0.005 + 4.0 * error)
 
 
 def test_torques_of_all_drives_further_off_are_the_motors_strength(healthy_arm: Path) -> None:
@@ -146,7 +155,10 @@ def test_torques_of_all_drives_further_off_are_the_motors_strength(healthy_arm: 
 
 
 def test_larger_kp_of_all_joints_is_smaller_kd_with_stronger_motors(tmp_path: Path) -> None:
-    """Two names of one robot: the replay cannot distinguish them, so one is tried from the other's size."""
+    """Two names of one robot: the replay cannot distinguish them, so one is tried from the other's size.
+
+    Both of it move by rounding alone: in its torque, so in its angle by that over Kp, twice where it overshoots.
+    """
     log = load_log(arm_log(tmp_path, seconds=2.0))
     model = replay_model(tmp_path / "arm.xml", log)
     parameters, (windows, *_) = parameters_of(model, log), cut_windows(model, log)
@@ -157,12 +169,12 @@ def test_larger_kp_of_all_joints_is_smaller_kd_with_stronger_motors(tmp_path: Pa
     theta = np.zeros((3, len(parameters)))
     theta[1, [*kp.members, kd.members[0]]] = 0.4, 0.41, 0.05
     twin = robot_fit._twin(kp, kd, theta[1], parameters)
-    assert twin is not None and twin[list(kp.members)] == pytest.approx(0.0, abs=0.01)
+    assert twin is not None and twin[list(kp.members)] == pytest.approx([1.4 / 1.405 - 1.0, 1.41 / 1.405 - 1.0])
     theta[2] = twin
     start = np.zeros((3, len(nuisances(model))))
     q = Replay(model, windows).run(ParameterBatch.of(parameters, theta, model), np.zeros(3, dtype=int), start)["q"]
     assert np.abs(q[1] - q[0]).max() > 0.01
-    assert np.abs(q[2] - q[1]).max() < 1e-4
+    assert np.abs(q[2] - q[1]).max() < 16.0 * np.finfo(np.float32).eps * np.abs(q).max()  # eight numbers, twice
 
 
 def test_a_known_strength_of_all_motors_is_the_torque_scale() -> None:
@@ -510,7 +522,7 @@ def _likelihood(a: np.ndarray, b: np.ndarray) -> Likelihood:
 
 
 def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path) -> None:
-    """For 2.5 s something turns the elbow; no cause is blamed for it."""
+    """For 2.5 s something turns the elbow, whose torque is found to a tenth; no cause is blamed for it."""
 
     def gust(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:  # noqa: ARG001
         return np.array([0.0, 0.6 * (3.0 < t < 5.5)])
@@ -518,7 +530,7 @@ def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path)
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, seed=3, extra=gust))
     assert (d.verdict, d.causes) == ("unexplained", ())
     found = d.to_dict()["unexplained"]
-    assert found["where"] == "elbow" and found["peak"][0] == pytest.approx(0.6, abs=0.06)
+    assert found["where"] == "elbow" and found["peak"][0] == pytest.approx(0.6, rel=0.1)
     assert [name for name, _, _ in found["when"]] == ["run0", "run1"]
     assert found["when"][0][1:] == pytest.approx((3.0, 5.5), abs=0.61)  # windows of 0.6 s, whole ones
     assert "outside the catalogue: a torque in elbow" in d.sentence
@@ -541,7 +553,8 @@ def test_windows_of_a_walk_begin_where_speeds_are_known(tmp_path: Path) -> None:
     """Averaged over some samples, a joint's speed is wrong by 1 rad/s where a foot lands: no window begins there.
 
     The trunk's speed is that of feet that bear load, by their forces or by their height, which roll on the ground: a
-    foot about to land, 8 mm above the lowest, gave errors of 0.4 m/s. Its height is that of feet that sink in a little.
+    foot about to land, 8 mm above the lowest, gave errors of 0.4 m/s. Errors are those that a start may have, up to
+    four times where its spread is. Its height is that of feet that sink in by up to the millimetre of solimp's width.
     """
     cfg = LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1, motion_capture=True)
     with contextlib.suppress(OSError):
@@ -551,11 +564,12 @@ def test_windows_of_a_walk_begin_where_speeds_are_known(tmp_path: Path) -> None:
     true = run.base["vel"]
     blind = replace(run, base={name: x for name, x in run.base.items() if name not in ("pos", "vel")})
     model = replay_model(Path("mr_go"), log)
-    for seen, most in ((blind, 0.03), (replace(blind, feet={}), 0.1)):
+    joints, trunk = SPEED_STEPS
+    for seen, most in ((blind, trunk), (replace(blind, feet={}), 4.0 * trunk)):
         (group,) = cut_windows(model, replace(log, runs=(seen,)))
         qd = run.joint["qd"]
         wrong = np.abs(savgol_filter(qd, 5, 2, axis=0) - qd).max(axis=1)
-        assert wrong.max() > 1.0 and wrong[group.start].max() < 0.2
+        assert wrong.max() > 1.0 and wrong[group.start].max() < 4.0 * joints
         assert np.abs(group.root[:, 7:10] - true[group.start]).max() < most
         assert abs(np.mean(group.root[:, 2] - run.base["pos"][group.start, 2])) < 0.001
 
@@ -617,7 +631,10 @@ def test_soft_ground_is_replayed_by_one_into_which_feet_sink(
 
 
 def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
-    """Drives that press its feet outwards do not spread its legs, though the trunk may sway."""
+    """Drives that press its feet outwards do not spread its legs, though the trunk may sway.
+
+    By no more than its hips drift while it stands: half of what a drift may be.
+    """
     record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1), tmp_path)
     log = load_log(tmp_path)
     model = replay_model(Path("mr_go"), log)
@@ -629,7 +646,8 @@ def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
     start = np.zeros((group.count, len(nuisances(model))))
     q = Replay(model, group).run(ParameterBatch({"shift": shift}), np.arange(group.count), start)["q"][:, :, hips]
     moved = q[:, -1] - q[:, group.t.shape[1] // 2]
-    assert abs(np.median((moved * outwards).mean(axis=1))) < 2e-4
+    seconds = group.t[:, -1] - group.t[:, group.t.shape[1] // 2]
+    assert abs(np.median((moved * outwards).mean(axis=1))) < 0.5 * CREEP * seconds.max()
 
 
 def test_a_device_remembers_how_it_turned_long_before_a_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -668,7 +686,7 @@ def test_windows_of_a_robot_at_rest_count_together_once(tmp_path: Path) -> None:
 
 
 def test_a_steady_pull_accelerates_the_robot_in_the_air(tmp_path: Path) -> None:
-    """Without ground under its feet by F/m, along the world's axis."""
+    """Without ground under its feet by F/m, along the world's axis: its trunk to a tenth, for legs swing against it."""
     record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1, motion_capture=True), tmp_path)
     log = load_log(tmp_path)
     model = replay_model(Path("mr_go"), log)
@@ -704,16 +722,20 @@ def test_a_torque_was_read_before_the_row_s_command_acts(tmp_path: Path) -> None
 
 
 def test_a_coil_answers_rows_between_steps_and_samples() -> None:
-    """A lag of 30 ms, rows of 5 ms that act 7.3 ms late: as steps of 10 us have it; without lag, the row that holds."""
+    """A lag of 30 ms, rows of 5 ms that act 7.3 ms late: as steps of 10 us have it; without lag, the row that holds.
+
+    The steps take the row that holds in their middle and are exact for it, to a rounding each.
+    """
     t, asked = np.arange(20) * 0.005 - 0.02, np.random.default_rng(3).uniform(0.0, 1.5, (20, 2))
     at, late, lag = np.array([0.0, 0.0041, 0.02, 0.0487]), 0.0073, 0.03
     found = _coil_current(asked, t + late, np.array([0.4, 0.4]), at, np.array([lag, 0.0]))
     fine, current, step = [], 0.4, 1e-5
     for k in range(round(0.05 / step)):
         fine.append(current)
-        row = max(np.searchsorted(t + late, k * step, side="right") - 1, 0)
-        current += (1.0 - np.exp(-step / lag)) * (asked[row, 0] - current)
-    assert found[:, 0] == pytest.approx(np.array(fine)[np.round(at / step).astype(int)], abs=1e-3)
+        row = max(np.searchsorted(t + late, (k + 0.5) * step, side="right") - 1, 0)
+        current -= np.expm1(-step / lag) * (asked[row, 0] - current)
+    rounding = len(fine) * float(np.finfo(float).eps) * asked.max()
+    assert found[:, 0] == pytest.approx(np.array(fine)[np.round(at / step).astype(int)], abs=rounding)
     held = [0.4, *(asked[np.searchsorted(t + late, x, side="right") - 1, 1] for x in at[1:])]
     assert found[:, 1] == pytest.approx(held)
 
@@ -738,11 +760,15 @@ def test_a_fault_of_a_coil_cannot_hide_behind_the_robot() -> None:
         base=read,
         windows=SimpleNamespace(),
     )
-    assert _currents_alone([slopes], [read])["current"] == pytest.approx([0.004], rel=0.1)  # 1800 readings: 1.7 %
+    error = 1.0 / np.sqrt(2.0 * read.size)
+    assert _currents_alone([slopes], [read])["current"] == pytest.approx([0.004], rel=4.0 * error)
 
 
 def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A parabola through a step lies far off: the least is found by halving, and never left for a worse one."""
+    """A parabola through a step lies far off: the least is found by halving, and never left for a worse one.
+
+    It lies between its neighbours, whose ratio is the root of that before each halving.
+    """
     monkeypatch.setattr(robot_fit, "replayed", lambda e, m, g, p, x: (abs(x[0] - 0.9) + 1e5 * (x[0] > 0.95), None))
     found = searched(
         np.array([0.8]),
@@ -755,7 +781,8 @@ def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
         np.array([0.0]),
         np.array([2.0]),
     )
-    assert found[0] == pytest.approx(0.9, abs=0.03)
+    settings = Settings().robot_fit
+    assert found[0] == pytest.approx(0.9, rel=settings.factor ** (0.5**settings.narrowed) - 1.0)
 
 
 def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -773,8 +800,8 @@ def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest
     monkeypatch.setattr(robot_fit, "fitted_alone", fitted_alone)
     monkeypatch.setattr(robot_fit, "fit", fit)
     monkeypatch.setattr(robot_fit, "replayed", lambda e, m, g, p, x: (1e9 * (x[0] - 0.012) ** 2, None))
-    assert robot_fit.nuisances_of(None, [], [p])[0] == pytest.approx(0.012, abs=1e-4)
-    assert begun == [pytest.approx(0.012, abs=1e-4)]
+    assert robot_fit.nuisances_of(None, [], [p])[0] == pytest.approx(0.012)
+    assert begun == [pytest.approx(0.012)]
 
 
 def test_a_delay_that_is_a_fault_is_no_part_of_the_error_before() -> None:
@@ -811,7 +838,10 @@ def test_a_healthy_robot_that_squats_has_no_cause(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_weak_device_is_the_single_change_that_replays_best(tmp_path: Path) -> None:
-    """It is none of those that derivatives about the described floor ask for most: the session is fitted first."""
+    """It is none of those that derivatives about the described floor ask for most: the session is fitted first.
+
+    A first answer has its size to a third.
+    """
     cfg = LogCfg(
         robot="mr_go", motions=(("walk", 12.0),), hide=("device_strength=FR:0.5",), policy=DEFAULT_POLICY, seed=62001
     )
@@ -825,7 +855,7 @@ def test_a_weak_device_is_the_single_change_that_replays_best(tmp_path: Path) ->
     likelihood = gather(model, groups, parameters, theta, print)
     guess, (guessed,) = initial_guess(model, groups, parameters, likelihood, theta)
     assert (guessed.cause, guessed.where) == ("device_strength", "FR_calf")
-    assert guess[list(guessed.members)] == pytest.approx(-0.5, abs=0.15)
+    assert guess[list(guessed.members)] == pytest.approx(-0.5, rel=1 / 3)
 
 
 def _diagnosed(folder: Path) -> RobotDiagnosis:

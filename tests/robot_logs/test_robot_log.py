@@ -22,6 +22,12 @@ SHARED = Path(__file__).resolve().parents[3] / "shared" / "robot_logs"
 
 Columns = dict[str, np.ndarray]
 
+STAMP = float(np.spacing(1.7e9))
+"""Spacing of float64 stamps in seconds since 1970 [s]: two of them err by half of it each."""
+
+ROUNDING = 8.0 * float(np.finfo(float).eps)
+"""Relative, of a value by a factor there and another back, each a quotient."""
+
 
 def good() -> tuple[dict[str, Any], Columns]:
     """A second of two joints and everything that the contract also allows."""
@@ -70,7 +76,7 @@ def test_every_channel_of_the_contract_is_read(name: str, tmp_path: Path) -> Non
     header, columns = good()
     log = load_log(write(tmp_path, header, columns, name))
     (run,) = log.runs
-    assert run.id == "one" and run.t[0] == 0.0 and run.dt == pytest.approx(0.005, abs=1e-6)
+    assert run.id == "one" and run.t[0] == 0.0 and run.dt == pytest.approx(0.005, abs=STAMP)
     assert set(run.joint) == {
         "q",
         "q_des",
@@ -115,9 +121,9 @@ def test_units_are_converted(tmp_path: Path) -> None:
         columns[name] = columns[name] * factor.get(name.partition(".")[0], 1.0)
     run = load_log(write(tmp_path / "units", header, columns)).runs[0]
     for channel, values in load.joint.items():
-        np.testing.assert_allclose(run.joint[channel], values, rtol=1e-9)
-    np.testing.assert_allclose(run.base["acc"], load.base["acc"], rtol=1e-9)
-    np.testing.assert_allclose(run.t, load.t, atol=1e-6)
+        np.testing.assert_allclose(run.joint[channel], values, rtol=ROUNDING)
+    np.testing.assert_allclose(run.base["acc"], load.base["acc"], rtol=ROUNDING)
+    np.testing.assert_allclose(run.t, load.t, rtol=0, atol=2.0 * STAMP)
 
 
 def _set(name: str, row: int, value: float) -> Callable[[dict, Columns], Any]:
@@ -239,7 +245,7 @@ def test_lost_readings_of_slow_channels_are_filled(tmp_path: Path) -> None:
     _set("pos.x", 10, np.nan)(header, columns)
     log = load_log(write(tmp_path, header, columns))
     assert (
-        log.runs[0].base["pos"][10, 0] == pytest.approx(0.05, rel=1e-4)
+        log.runs[0].base["pos"][10, 0] == pytest.approx(0.05, abs=STAMP)
         and "1 missing readings of pos.x" in log.notes[0]
     )
 

@@ -15,11 +15,15 @@ from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
 from mrwarp.robot_logs.forms.bag import UNITREE_JOINTS, read_bag, typestore
 from mrwarp.robot_logs.forms.open_log import open_log
+from mrwarp.robot_logs.forms.save_log import DIGITS
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
 from tests.messages import has_parts
 
 STORE = typestore()
 ROWS, DT = 120, 0.01
+NANOSECOND = 1e-9
+"""Rounding of two stamps, half of one each [s]."""
+EPS = float(np.finfo(np.float32).eps)
 JOINTS = ("hip", "knee")
 
 
@@ -97,11 +101,11 @@ def test_joint_states_and_commands_meet_on_the_state_s_stamps(plugin: StoragePlu
     (run,) = log.runs
     t = 100.0 + np.arange(5, ROWS) * DT
     assert log.joints == ("left hip", "left knee") and log.tau_is == "measured" and log.base == "free"
-    np.testing.assert_allclose(run.t, t - t[0], atol=1e-6)
+    np.testing.assert_allclose(run.t, t - t[0], rtol=0, atol=NANOSECOND)
     q = np.array([[angle(x, k) for k in range(2)] for x in t])
-    np.testing.assert_allclose(run.joint["q"], q)
-    np.testing.assert_allclose(run.joint["q_des"], q + [0.2, 0.1])
-    np.testing.assert_allclose(run.base["gyro"][:, 0], t, atol=1e-6)
+    np.testing.assert_array_equal(run.joint["q"], q)
+    np.testing.assert_array_equal(run.joint["q_des"], q + [0.2, 0.1])
+    np.testing.assert_allclose(run.base["gyro"][:, 0], t, rtol=0, atol=NANOSECOND)  # which grows by 1 a second
     np.testing.assert_allclose(run.base["quat"][0], [0.8, 0.0, 0.0, 0.6])
     assert log.kp.tolist() == [20.0, 20.0] and log.kd.tolist() == [0.5, 0.6]
     assert "5 rows before the first command" in log.notes[0]
@@ -117,9 +121,9 @@ def test_import_writes_what_is_read_back(tmp_path: Path, capsys: pytest.CaptureF
     assert "command       /joint_commands (sensor_msgs/msg/JointState)" in said
     ours, theirs = load_log(out), read_bag(bag, MAP)
     for channel, values in theirs.runs[0].joint.items():
-        np.testing.assert_allclose(ours.runs[0].joint[channel], values, atol=1e-6)
+        np.testing.assert_allclose(ours.runs[0].joint[channel], values, rtol=0, atol=0.51 * 10.0**-DIGITS)
     assert ours.header["source"]["imu"] == "/imu/data (sensor_msgs/msg/Imu)"
-    assert json.loads((out / "result.json").read_text())["seconds"] == pytest.approx(1.14, abs=0.01)
+    assert json.loads((out / "result.json").read_text())["seconds"] == pytest.approx(1.14, abs=NANOSECOND)
     assert main(["log", "import", str(bag), "--out", str(out)]) == 2
     assert "--overwrite" in capsys.readouterr().err
 
@@ -238,17 +242,17 @@ def unitree_bag(path: Path) -> Path:
 
 
 def test_unitree_s_low_level_messages_need_no_map(tmp_path: Path) -> None:
-    """Joints in Unitree's order, gains from the commands, a loop that is off has no gain."""
+    """Joints in Unitree's order, gains from the commands, a loop that is off has no gain; numbers are float32."""
     log = read_bag(unitree_bag(tmp_path / "bag"))
     (run,) = log.runs
     assert log.joints == UNITREE_JOINTS and log.base == "free" and log.tau_is == "estimate"
     assert run.samples == ROWS and run.dt == pytest.approx(0.002)
-    np.testing.assert_allclose(run.joint["kp"][0], [0.0 if k == 3 else 20.0 + k for k in range(12)])
-    np.testing.assert_allclose(run.joint["q_des"][:, 3], run.joint["q"][:, 3])
-    np.testing.assert_allclose(run.joint["q_des"][:, 4] - run.joint["q"][:, 4], 0.1, atol=1e-6)
+    np.testing.assert_array_equal(run.joint["kp"][0], [0.0 if k == 3 else 20.0 + k for k in range(12)])
+    np.testing.assert_array_equal(run.joint["q_des"][:, 3], run.joint["q"][:, 3])
+    np.testing.assert_allclose(run.joint["q_des"][:, 4] - run.joint["q"][:, 4], 0.1, rtol=0, atol=EPS)  # of 0.5 and 0.4
     assert run.joint["temperature"][0, 11] == 41.0 and run.joint["tau"][0, 5] == 5.0
     assert {name: x[0] for name, x in run.feet.items()} == {"FR": 10.0, "FL": 20.0, "RR": 30.0, "RL": 40.0}
-    np.testing.assert_allclose(run.base["gyro"][0], [0.1, 0.2, 0.3], atol=1e-6)
+    np.testing.assert_allclose(run.base["gyro"][0], [0.1, 0.2, 0.3], rtol=EPS)
     assert run.battery is not None and run.battery[0] == 29.5
 
 

@@ -14,10 +14,13 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
 from mrwarp.robot_logs.forms.open_log import open_log
+from mrwarp.robot_logs.forms.save_log import DIGITS
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
 from tests.messages import has_parts
 
 FPS, ROWS = 50, 60
+EPS = float(np.finfo(np.float32).eps)
+"""Of a data set's numbers."""
 JOINTS = ("shoulder_pan", "elbow_flex", "gripper")
 
 
@@ -75,9 +78,10 @@ def test_episodes_become_recordings(version: str, tmp_path: Path) -> None:
     log = open_log(_mapped(data_set(tmp_path / "set", version), MAP))
     assert log.joints == ("pan", "elbow") and [run.id for run in log.runs] == ["episode_000000", "episode_000001"]
     for episode, run in enumerate(log.runs):
-        np.testing.assert_allclose(run.t, np.arange(ROWS) / FPS, atol=1e-6)
-        np.testing.assert_allclose(run.joint["q"], np.radians(angles(episode)[:, :2]), atol=1e-6)
-        np.testing.assert_allclose(run.joint["q_des"] - run.joint["q"], np.radians(2.0), atol=1e-6)
+        np.testing.assert_allclose(run.t, np.arange(ROWS) / FPS, rtol=EPS)
+        np.testing.assert_allclose(run.joint["q"], np.radians(angles(episode)[:, :2]), rtol=EPS)
+        lead = run.joint["q_des"] - run.joint["q"]
+        np.testing.assert_allclose(lead, np.radians(2.0), rtol=0, atol=EPS)  # of angles below 1 rad
     assert log.base == "fixed" and log.kp.tolist() == [20.0, 20.0]
 
 
@@ -88,7 +92,7 @@ def test_names_may_be_grouped_missing_or_say_what_a_number_is(names: Any, tmp_pa
     if isinstance(names, tuple):
         log = open_log(_mapped(path, {"kp": 20, "units": {"q": "mrad", "qd": "deg/s"}, "tau_is": "estimate"}))
         assert log.joints == ("a",) and {"q", "qd", "tau", "q_des", "qd_des", "tau_ff"} <= set(log.runs[0].joint)
-        np.testing.assert_allclose(log.runs[0].joint["qd"][:, 0], np.radians(angles(0)[:, 1]), atol=1e-6)
+        np.testing.assert_allclose(log.runs[0].joint["qd"][:, 0], np.radians(angles(0)[:, 1]), rtol=EPS)
         return
     if names is None:
         with pytest.raises(RecordingError, match=r'does not name the 3 numbers .*\{"joints": \["NAME", ...\]\}'):
@@ -117,7 +121,8 @@ def test_units_are_asked_for_and_shares_of_a_range_are_refused(
         assert has_parts(err, said) and err.count("\n") == 1 and not out.exists(), err
     assert main(["log", "import", str(path), "--out", str(out), "--units", "q=deg"]) == 0
     ours, theirs = load_log(out), open_log(path, units={"q": "deg"})
-    np.testing.assert_allclose(ours.runs[1].joint["q_des"], theirs.runs[1].joint["q_des"], atol=1e-6)
+    found, expected = (log.runs[1].joint["q_des"] for log in (ours, theirs))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=0.51 * 10.0**-DIGITS)
     assert main(["check", str(path), "--units", "q=deg"]) == 0
     assert "recordings    2" in capsys.readouterr().out
     assert main(["check", str(out), "--units", "q=deg"]) == 2
