@@ -19,22 +19,28 @@ def figures(title: str) -> dict[str, float]:
 
 
 def test_impact_conserves_momentum() -> None:
-    """10 kg at 1.5 m/s and 12.6 kg at rest go on at the paper's 0 A row; the row at 1.5 A asks for 4 N·m and more."""
+    """10 kg at 1.5 m/s and 12.6 kg at rest go on at the paper's 0 A row; the row at 1.5 A asks for 4 N·m and more.
+
+    To a hundredth of that row's spread.
+    """
     assert (10.0 + 12.6) * paper_checks.plastic_impact() == pytest.approx(15.0)
-    assert paper_checks.plastic_impact() == pytest.approx(0.6626, abs=0.002)
+    row = paper.TABLE_4["hardware"][0.0]["peak_down_velocity"]
+    assert paper_checks.plastic_impact() == pytest.approx(-row.mean, abs=0.01 * row.sd)
     found = figures("Table 4, hardware")
     assert 4.0 < found["wanted"] < 5.0 and found["most"] < found["wanted"]
 
 
 def test_lever_is_the_ratio_of_hip_and_knee() -> None:
-    """A small step of the knee moves the hip by l*sin(knee/2); between heights the mean."""
+    """A small step of the knee moves the hip by l*sin(knee/2) in its middle, to roundings of both ends."""
     knee, step = 1.4, 1e-5
     high, low = (2.0 * two_knees.LINK * np.cos(0.5 * x) + two_knees.SOLE for x in (knee, knee + step))
-    assert paper_checks.lever(high, low) == pytest.approx(two_knees.LINK * np.sin(0.5 * knee), rel=1e-4)
+    assert paper_checks.lever(high, low) == pytest.approx(
+        two_knees.LINK * np.sin(0.5 * (knee + 0.5 * step)), rel=8.0 * float(np.finfo(float).eps) / step
+    )
 
 
 def test_gain_is_what_the_law_slides_at() -> None:
-    """Turned steadily at 3 rad/s, eq. 14 has that much more torque at 1.5 A than at 0 A but for I1."""
+    """Turned steadily at 3 rad/s, eq. 14 has that much more torque at 1.5 A than at 0 A but for I1, in float32."""
     t = 0.005 * np.arange(600)
     torque = {}
     for amps in (0.0, 1.5):
@@ -43,24 +49,32 @@ def test_gain_is_what_the_law_slides_at() -> None:
         )
         torque[amps] = simulate(asdict(BoucWenParams()), Recording(trajectories=(run,)))[0][-1]
     direct = BoucWenParams().I1 * 1.5
-    assert torque[1.5] - torque[0.0] - direct == pytest.approx(paper_checks.gain(1.5), rel=1e-3)
+    rounding = 8.0 * float(np.finfo(np.float32).eps) * torque[1.5]
+    assert torque[1.5] - torque[0.0] - direct == pytest.approx(paper_checks.gain(1.5), abs=rounding)
 
 
 @pytest.mark.parametrize("friction", [10.0, 18.0])
 def test_friction_on_a_spring_is_read_from_drop_and_speed(friction: float) -> None:
-    """A spring with a friction, stepped finely, gives the drop and the peak speed that the closed form inverts."""
+    """A spring with a friction, stepped finely, gives the drop and the peak speed that the closed form inverts.
+
+    To the step's first order: its share of the spring's own time.
+    """
     stiffness, mass, force = 2.0 * 100.0 / 0.15, 12.6, 100.0
     x, v, peak, dt = 0.0, 0.0, 0.0, 1e-5
     while v >= 0.0:
         v += dt * (force - friction - stiffness * x) / mass
         x += dt * v
         peak = max(peak, v)
-    assert force * (1.0 - x / 0.15) == pytest.approx(friction, rel=1e-3)
-    assert force * (1.0 - peak / paper_checks.undamped_speed(0.15)) == pytest.approx(friction, rel=1e-3)
+    first_order = force * dt * np.sqrt(stiffness / mass)
+    assert force * (1.0 - x / 0.15) == pytest.approx(friction, abs=first_order)
+    assert force * (1.0 - peak / paper_checks.undamped_speed(0.15)) == pytest.approx(friction, abs=first_order)
 
 
 def test_rows_of_the_push_ask_for_a_constant_beyond_the_current() -> None:
-    """Both columns agree within a fifth; without what K1 I adds the same torque is left at every current."""
+    """Both columns agree within a fifth; without what K1 I adds the same torque is left at every current, to 0.06 N·m.
+
+    The whole of eq. 14 is what the drop asks for at 1.5 A, to a twentieth.
+    """
     for by_drop, by_speed in paper_checks.required_torque().values():
         assert by_speed == pytest.approx(by_drop, rel=0.2)
     found = figures("Table 4, simulation: the torque")
@@ -86,6 +100,8 @@ def test_a_stance_of_one_metre_a_second_lies_within_the_leg() -> None:
     calf = paper_checks.STRAIGHTEST
     down = two_knees.LINK * (np.cos(thigh) + np.cos(thigh + calf))
     along = two_knees.LINK * (np.sin(thigh) + np.sin(thigh + calf))
-    level = along[np.abs(down - (0.334 - two_knees.SOLE)) < 2e-4]
-    assert found["reach"] == pytest.approx(level.max() - level.min(), abs=2e-3)
+    hip, band = 0.334 - two_knees.SOLE, 2e-4
+    level = along[np.abs(down - hip) < band]
+    ends = 2.0 * (band * hip / level.max() + (thigh[1] - thigh[0]) * np.hypot(hip, level.max()))  # on a circle
+    assert found["reach"] == pytest.approx(level.max() - level.min(), abs=ends)
     assert found["fast"] == pytest.approx(1.0 / 3.0) and found["slow"] < found["fast"] < found["reach"]

@@ -51,8 +51,9 @@ def test_drop_is_measured_from_the_contact_on() -> None:
             contact=contact,
         )
     )
-    np.testing.assert_allclose(found["FR"], 6.0)
-    np.testing.assert_allclose(found["acceleration"], 3.0, rtol=1e-6)
+    np.testing.assert_array_equal(found["FR"], 6.0)
+    rounding = 8.0 * np.finfo(float).eps * t[-1] / 0.005  # of differences over a step of speeds and stamps
+    np.testing.assert_allclose(found["acceleration"], 3.0, rtol=rounding)
     np.testing.assert_allclose(found["peak_down_velocity"], -3.0 * (t[-1] - contact))
 
 
@@ -75,5 +76,5 @@ def test_two_masses_part_after_half_a_period() -> None:
         v -= dt * k * x * (1.0 / first + 1.0 / second)
         x += dt * v
         t += dt
-    assert t == pytest.approx(0.1, rel=1e-3)
+    assert t == pytest.approx(0.1, abs=2.0 * dt)
     assert drop_trials.STIFFNESS == pytest.approx(k)
