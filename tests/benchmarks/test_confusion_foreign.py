@@ -41,7 +41,7 @@ def test_nothing_hidden_in_a_foreign_device_is_not_named() -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_foreign_law_dissipates_and_repeats(law: str) -> None:
-    """Over a closed cycle it takes energy, more with current, and half the step gives the same torque."""
+    """Over a closed cycle it takes energy, more with current, and half the step the same, to a thousandth."""
     numbers = drawn(law, np.random.SeedSequence(1))
     work = []
     for current, steps in ((0.0, 4000), (1.0, 4000), (1.0, 8000)):
@@ -55,7 +55,10 @@ def test_a_foreign_law_dissipates_and_repeats(law: str) -> None:
 
 
 def test_an_effect_has_the_share_that_was_asked_for() -> None:
-    """Its change of the torque is a tenth of the torque."""
+    """Its change of the torque is a tenth of the torque.
+
+    Found by four steps in proportion, as behind the encoder: with p from 0.55 to 1.45 they leave 1.1*0.45^4 = 5 %.
+    """
     case = make_foreign("torque_sensor_lag", "guo", share=0.1, seed=3, size="small")
     with_it, without = (simulate(d, case.motion).torque for d in (case.device, case.device.with_effects({})))
     assert np.sqrt(np.mean((with_it - without) ** 2)) == pytest.approx(0.1 * np.sqrt(np.mean(without**2)), rel=0.05)
@@ -63,7 +66,10 @@ def test_an_effect_has_the_share_that_was_asked_for() -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_shaft_behind_stops_or_a_spring_bears_what_these_bear(law: str) -> None:
-    """Without gap it is the rigid device but for the stops; in a gap nothing is borne; a spring lags by its torque."""
+    """Without gap it is the rigid device but for the stops; in a gap nothing is borne; a spring lags by its torque.
+
+    To 2 % of the largest torque, and to 5 % where the shaft's speed is differences of its angle.
+    """
     numbers, steps = drawn(law, np.random.SeedSequence(1)), 2000
     t = np.linspace(0.0, 1.0, steps + 1)[None]
     w = 2.0 * np.pi

@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 
 from benchmarks.perf import c_loop
+from mrwarp.params import MrParams
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_c_and_kernels_give_the_same_numbers(tmp_path: Path) -> None:
-    """All outputs of several steps: float32 rounding of torques up to 25 N·m, relative; all branches occur."""
+    """All outputs of several steps, relative; all branches occur.
+
+    C's powers and exponentials err by a rounding of their own, so n + 3 roundings on either side, in each step.
+    """
     robot = c_loop.mixed_robots(16)
     loop = c_loop.CLoop(robot, tmp_path)
-    assert c_loop.largest_difference(robot, loop) <= 1e-5
+    rounding = 2.0 * (MrParams().hold.n + 3.0) * float(np.finfo(np.float32).eps)
+    assert c_loop.largest_difference(robot, loop, steps=5) <= 5 * rounding
     held, damped = robot.actuator.m_hold.numpy(), robot.actuator.m_dyn.numpy()
     assert 0.2 < held.mean() < 0.8 and 0.02 < damped.mean()
     loop.out["tau"][3, 4] += 0.1  # a difference shows
