@@ -25,7 +25,7 @@ def test_impact_conserves_momentum() -> None:
     """
     assert (10.0 + 12.6) * paper_checks.plastic_impact() == pytest.approx(15.0)
     row = paper.TABLE_4["hardware"][0.0]["peak_down_velocity"]
-    assert paper_checks.plastic_impact() == pytest.approx(-row.mean, abs=0.01 * row.sd)
+    assert row.sd is not None and paper_checks.plastic_impact() == pytest.approx(-row.mean, abs=0.01 * row.sd)
     found = figures("Table 4, hardware")
     assert 4.0 < found["wanted"] < 5.0 and found["most"] < found["wanted"]
 
