@@ -247,9 +247,9 @@ def refit(problem: Problem, fit: Fit, *, tolerance: float = 1e-5) -> Fit:
 def plain_fit(problem: Problem, fit: Fit, *, bent: bool = False) -> Fit:
     """The model, with ``bent`` laws if asked, by least squares without whitening, offsets and factors still let go."""
     plain = replace(problem.noise, whitening=np.ones(1), sigma=problem.noise.rms)
-    layout = fit.parameters.bent() if bent else fit.parameters
+    layout = (fit.parameters.bent() if bent else fit.parameters).reported()
     problem = replace(problem, noise=plain)
-    return _as_stiff(problem, fit_model(problem, layout.steeper(), fit.parameters.moved(fit.x, layout)))
+    return _as_stiff(problem, fit_model(problem, layout, fit.parameters.moved(fit.x, layout)))
 
 
 def _as_stiff(problem: Problem, fit: Fit) -> Fit:
@@ -281,8 +281,14 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     numbers = zip(fit.parameters.slots, fit.x[EFFECT_PART], strict=True)
     resolution[EFFECT_PART] = [s.parameter.resolution * (1.0 if s.logarithmic else abs(x)) for s, x in numbers]
     least = np.diag(covariance(fit)) + resolution**2
+    own = dict(zip((slot.key for slot in fit.parameters.slots), least[EFFECT_PART], strict=True))
+
+    def stated(plain: Fit) -> Fit:
+        added = [own.get(slot.key, 0.0) for slot in plain.parameters.slots]
+        return replace(plain, least_variance=np.array([*least[BASE_PART], *added]))
+
     fit, plain = _as_logged(problem, fit, plain_fit(problem, fit))
-    fit = _with_harmonics(problem, fit, plain := replace(plain, least_variance=least))
+    fit = _with_harmonics(problem, fit, plain := stated(plain))
     bends = [slot.parameter for slot in fit.parameters.bent().slots if slot.parameter.form]
     if bends:
         bent = plain_fit(problem, fit, bent=True)
@@ -294,19 +300,14 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
             least_t = settings.one_error
         clear = t > least_t or by_ratio(plain.loo_loss, bent.loo_loss) > settings.clear_t
         if clear and gain > problem.settings.search.bent * plain.total:
-            own = dict(zip((slot.key for slot in plain.parameters.slots), least[EFFECT_PART], strict=True))
-            added = [own.get(slot.key, 0.0) for slot in bent.parameters.slots]
-            return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))
+            return stated(bent)
     return plain
 
 
 def _as_logged(problem: Problem, fit: Fit, plain: Fit) -> tuple[Fit, Fit]:
-    """The model and its plain fit by the way of logging that leaves the least plain error.
-
-    Whitened differences choose it by the first sample after each step. The wrong one shifts a lag by half a sample.
-    """
-    ways = [((effect, p.name), x) for effect in fit.effects for p in KNOWN[effect].parameters for x in p.choices]
-    for key, way in ways:
+    """The model and its plain fit by the way of logging that leaves the least plain error, where none is between."""
+    logging = [(effect, p) for effect in fit.effects for p in KNOWN[effect].parameters if p.choices and not p.form]
+    for key, way in [((effect, p.name), x) for effect, p in logging for x in p.choices]:
         choices = {**fit.parameters.choices, key: way}
         if choices != fit.parameters.choices:
             other = plain_fit(problem, replace(plain, parameters=replace(plain.parameters, choices=choices)))

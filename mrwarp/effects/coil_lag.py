@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import STEP_IN_INTERVAL, EffectLaw, EffectParameter, Path
 from mrwarp.kernels.coil import coil_current, mean_coil_current
 
 
@@ -18,13 +18,13 @@ def coil_lag_law(
         s.current = mean_coil_current(begin, s.command, time_constant, s.dt)
         s.field = s.current
     elif time_constant > 0.0:
-        before = s.command_before
-        # between two logged samples the command ramps (hold = 0), or keeps its value up to the second (hold = 1)
-        slope = (1.0 - values[row, at + 1]) * (s.command - before) / s.dt
+        hold, change = values[row, at + 1], s.command - s.command_before
         current = float(s.command)
         if s.begins == 0:
+            start = s.command_before + wp.max(-hold, 0.0) * change
+            slope = (1.0 - wp.abs(hold)) * change / s.dt
             lag = slope * time_constant
-            current = before + slope * s.dt - lag + (memory[line, slot] - before + lag) * wp.exp(-s.dt / time_constant)
+            current = start + slope * s.dt - lag + (memory[line, slot] - start + lag) * wp.exp(-s.dt / time_constant)
         memory[line, slot] = current
         s.current = current
         s.field = current
@@ -50,7 +50,7 @@ LAW = EffectLaw(
             beyond="no coil is that slow",
             starts=lambda r: (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.08),
         ),
-        EffectParameter(name="hold", unit="1", choices=(0.0, 1.0)),
+        STEP_IN_INTERVAL,
     ),
     law=coil_lag_law,
     states=1,

@@ -151,7 +151,8 @@ class EffectParameter:
     resolution: float = 0.0
     """Relative standard error that stays however much is recorded."""
     choices: tuple[float, ...] = ()
-    """Values of a parameter that says how the data were logged; tried in turn, and no part of the device."""
+    """Values of a parameter that says how the data were logged; tried in turn, and no part of the device. With
+    ``form`` the reported fit also has what is between and beyond them, within the bounds."""
     form: bool = False
     """Whether it only bends the law: null while causes are searched, fitted for the reported fit where that predicts
     clearly better, and absent from a model otherwise."""
@@ -181,6 +182,17 @@ class EffectParameter:
         """Whether a finite value makes sense."""
         return value > 0.0 if self.divides else value >= 0.0 or self.negative
 
+
+STEP_IN_INTERVAL = EffectParameter(
+    name="hold",
+    unit="1",
+    choices=(0.0, 1.0),
+    form=True,
+    low=lambda r: -1.0,
+    high=lambda r: 1.0,
+)
+"""Where the command steps between two samples that differ: at the second (1), at the first (-1), or anywhere, as a ramp
+(0). A log does not say, and (1 - hold)/2 of an interval is how long before the second it is on average."""
 
 DRY_FRICTION_SPEED = EffectParameter(
     name="speed",

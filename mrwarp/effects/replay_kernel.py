@@ -233,7 +233,7 @@ def make_replay_kernel(effects: bool) -> Any:
                 s.weakening = 1.0
             if wp.static(effects):
                 current, field = float(s.current), float(s.field)
-                if values[row, _JUMPS] == 1.0:
+                if values[row, _JUMPS] != 0.0:
                     if k > first and values[row, _COIL_LAG] <= 0.0:  # behind a lag the current does not jump
                         s.current = current_before
                         s.field = field_before

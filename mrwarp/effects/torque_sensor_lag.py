@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import STEP_IN_INTERVAL, EffectLaw, EffectParameter, Path
 
 SAMPLING_RESOLUTION = 0.005
 """Relative standard error of a lag of about a sample, as nobody sees the torque between samples.
@@ -20,11 +20,13 @@ def torque_sensor_lag_law(
     if time_constant > 0.0:
         reading = float(s.torque)
         if s.begins == 0:
-            before, reached = memory[line, slot + 1], float(s.torque)
-            if values[row, at + 1] == 1.0:  # the command holds its value up to a sample, and the torque jumps there
-                reached = s.torque_before
-            lag = (reached - before) / s.dt * time_constant
-            reading = reached - lag + (memory[line, slot] - before + lag) * wp.exp(-s.dt / time_constant)
+            hold, jump = values[row, at + 1], float(0.0)
+            if hold != 0.0:  # the torque jumps with the command
+                jump = s.torque - s.torque_before
+            start = memory[line, slot + 1] + wp.max(-hold, 0.0) * jump
+            reached = s.torque - wp.max(hold, 0.0) * jump
+            lag = (reached - start) / s.dt * time_constant
+            reading = reached - lag + (memory[line, slot] - start + lag) * wp.exp(-s.dt / time_constant)
         memory[line, slot] = reading
         memory[line, slot + 1] = s.torque
         s.torque = reading
@@ -52,7 +54,7 @@ LAW = EffectLaw(
             starts=lambda r: (0.0006, 0.0015, 0.003, 0.006, 0.015, *((0.04, 0.1, 0.25) if r.drive else ())),
             resolution=SAMPLING_RESOLUTION,
         ),
-        EffectParameter(name="hold", unit="1", choices=(0.0, 1.0)),
+        STEP_IN_INTERVAL,
     ),
     law=torque_sensor_lag_law,
     states=2,

@@ -108,10 +108,9 @@ def factor_of(parameter: EffectParameter, scales: Scales) -> float:
 
 
 def slots_of(effect: str, *, form: bool = False) -> list[Slot]:
-    """The searched numbers of an effect, with those that bend its law or without."""
-    return [
-        Slot(effect, p) for p in KNOWN[effect].parameters if p.preset is None and not p.choices and (form or not p.form)
-    ]
+    """The searched numbers of an effect, with those that only the reported fit has or without."""
+    numbers = [p for p in KNOWN[effect].parameters if p.preset is None]
+    return [Slot(effect, p) for p in numbers if (form if p.form else not p.choices)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +129,8 @@ class Parameters:
     """Whether numbers that bend a law are searched; else they are as known, or null. Sizes of known lines are."""
     steepest: tuple[float, float, float] = STEEPEST
     """Upper bounds of the shape."""
+    logging: bool = False
+    """Whether how the data were logged is fitted, where anything between the choices may be."""
 
     @cached_property
     def slots(self) -> list[Slot]:
@@ -142,6 +143,8 @@ class Parameters:
         What bends a law is searched if asked for; the size of a further line always, for without it the line is none.
         """
         p = slot.parameter
+        if p.choices:
+            return self.logging and p.form
         if p.form and not p.requires and not self.form:
             return False
         if p.repeats:
@@ -203,13 +206,13 @@ class Parameters:
         """Places of an effect's numbers in the vector."""
         return [i for i, slot in self.items() if slot.effect == effect]
 
-    def steeper(self) -> Parameters:
-        """With room for a hysteresis that is nearly dry friction.
+    def reported(self) -> Parameters:
+        """With room for a hysteresis that is nearly dry friction, and with where a command stepped between samples.
 
         Where effects are searched that room is closed: a steep loop predicts each reversal by its sample, and whitened
-        differences are then all about that.
+        differences are then all about that. So they are about the first sample after a step.
         """
-        return dataclasses.replace(self, steepest=DRY)
+        return dataclasses.replace(self, steepest=DRY, logging=True)
 
     def bent(self) -> Parameters:
         """With the numbers that bend the laws."""
@@ -229,7 +232,8 @@ class Parameters:
                 if p.preset is not None:
                     row[at] = p.preset(self.ranges)
                 elif p.choices:
-                    row[at] = self.choices.get((effect, p.name), p.choices[0])
+                    known = self._searched(Slot(effect, p))
+                    row[at] = row[at] if known else self.choices.get((effect, p.name), p.choices[0])
                 elif p.repeats and (p.form or (effect, p.name) in self.choices):
                     row[at] = self.choices.get((effect, p.name), p.null)
                 elif p.form and not self._searched(Slot(effect, p)):

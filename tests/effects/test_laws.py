@@ -54,6 +54,10 @@ def test_coil_lag_of_a_step_is_an_exponential(lag: float) -> None:
     found = current_of(command, {"coil_lag": {"time_constant": lag}})
     # the ramp's lag is lag/DT times as large as what is left of it
     np.testing.assert_allclose(found[10:], ramped, rtol=0, atol=20 * EPS * max(1.0, lag / DT))
+    # at the sample before, and half there and half as a ramp
+    early, mixed = (current_of(command, {"coil_lag": {"time_constant": lag, "hold": x}}) for x in (-1.0, -0.5))
+    np.testing.assert_allclose(early[10:], held[1:], rtol=0, atol=20 * EPS)
+    np.testing.assert_allclose(mixed[10:], 0.5 * (held[1:] + ramped), rtol=0, atol=20 * EPS * max(1.0, lag / DT))
 
 
 def test_coil_lag_reaches_field_and_current_alike() -> None:
@@ -465,6 +469,9 @@ def test_torque_sensor_lag_of_a_torque_that_jumps(lag: float) -> None:
     since = DT * np.arange(50)
     found = current_of(command, {"torque_sensor_lag": {"time_constant": lag, "hold": 1.0}})
     np.testing.assert_allclose(found[10:], 1.4 - np.exp(-since / lag), rtol=0, atol=20 * EPS * max(1.0, lag / DT))
+    early = current_of(command, {"torque_sensor_lag": {"time_constant": lag, "hold": -1.0}})
+    want = 1.4 - np.exp(-(since + DT) / lag)
+    np.testing.assert_allclose(early[10:], want, rtol=0, atol=20 * EPS * max(1.0, lag / DT))
     smooth = {"coil_lag": {"time_constant": 0.02, "hold": 1.0}}
     ramps = current_of(command, smooth | {"torque_sensor_lag": {"time_constant": lag}})
     held = current_of(command, smooth | {"torque_sensor_lag": {"time_constant": lag, "hold": 1.0}})

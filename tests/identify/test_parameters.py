@@ -84,7 +84,7 @@ def test_bent_model_has_its_effects_bends(motion: Motion) -> None:
     assert bent.size == c.size + 2 and np.array_equal(c.row(x), bent.row(y))
     at, other = (i for i, slot in bent.items() if slot.parameter.form)
     assert y[other] == 0.0 and bent.low[other] < 0.0 < bent.high[other]
-    assert y[at] == bent.low[at] == 0.0 < bent.high[at] and bent.steeper().low[at] == 0.0
+    assert y[at] == bent.low[at] == 0.0 < bent.high[at] and bent.reported().low[at] == 0.0
     y[at] = 0.2
     assert bent.values(y)["friction_asymmetry"]["thinning"] == pytest.approx(0.2)
 
