@@ -52,7 +52,7 @@ class Check(opt.LogOptions):
                 f"--map and --units: {self.data} is the recording of a joint, no robot's log; leave them out"
             )
         recording, tests_file = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
-        recording, turned = _signs_turned(recording)
+        recording, found = _mended(recording)
         wrong = contradictions(recording)
         unproven = [f"no verdict by diagnose: {text}" for text in no_verdict_reasons(recording) if text not in wrong]
         if warned := "" if wrong else forewarning(recording):
@@ -65,18 +65,20 @@ class Check(opt.LogOptions):
             count = f"{len(holding.current)} tests at {len({*holding.current})} currents"
             unit = recording.units["torque"]
             lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({tests_file})")
-        print("\n".join([*lines, *(f"note: {note}" for note in [*turned, *notes(recording), *unproven])]))
+        print("\n".join([*lines, *(f"note: {note}" for note in [*found, *notes(recording), *unproven])]))
         if wrong:
             raise RecordingError(f"{self.data}: {wrong[0]}")
         return 0
 
 
-def _signs_turned(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording that ``check``, ``fit`` and ``diagnose`` judge, and what was turned in it."""
+def _mended(recording: Recording) -> tuple[Recording, list[str]]:
+    """The recording that ``check``, ``fit`` and ``diagnose`` judge, what was turned in it, and what its runs lack."""
     from mrwarp.diagnose.checks.recording_faults import turned_signs
+    from mrwarp.identify.checks.run_levels import levels_without_clock
 
     mended, fault = turned_signs(recording)
-    return mended, [fault.sentence] if fault else []
+    levels = levels_without_clock(mended)
+    return mended, [*([fault.sentence] if fault else []), *([levels] if levels else [])]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +124,8 @@ class Fit(Options):
         progress = ProgressBar()
         progress(f"reading {self.data}")
         recording = self._kept(load_recording(self.data, skip_bad=self.skip_bad))
-        recording, turned = _signs_turned(recording)
-        for note in [*recording.repaired(), *turned]:
+        recording, found = _mended(recording)
+        for note in [*recording.repaired(), *found]:
             progress(f"note: {note}")
         unseen = load_recording(self.predict, skip_bad=self.skip_bad) if self.predict else None
         if unseen is not None:

@@ -9,8 +9,8 @@ import numpy as np
 from mrwarp.diagnose.checks.recording_faults import turned_signs
 from mrwarp.identify.checks.refusal_reason import explains_nothing, missed
 from mrwarp.identify.contradictions import contradictions
-from mrwarp.recording.data import NO_INPUT, Recording, quantity, true_names
-from mrwarp.recording.saturation import CLIPPED, at_limit
+from mrwarp.recording.data import NO_INPUT, Recording, quantity, session_clock, true_names
+from mrwarp.recording.saturation import saturated
 from mrwarp.sysid.report.words import both
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import Error, NextExperiment
@@ -45,13 +45,8 @@ def no_verdict_reasons(recording: Recording, settings: Settings | None = None) -
             f"{needed.seconds:g} s and {needed.samples} samples; {STANDARD}"
         )
     wrong = contradictions(turned_signs(recording, settings)[0], settings)
-    torque = np.concatenate([run.torque for run in runs])
-    clipped, limit = max((at_limit(torque), torque.max()), (at_limit(-torque), torque.min()))
-    if clipped > CLIPPED and not wrong and all(run.lost is None for run in runs):
-        found.append(
-            f"the torque sensor is saturated: {100 * clipped:.2g} % of the samples stand at its largest reading "
-            f"({limit:.4g}), so the torque beyond is unknown; use a larger range or less current"
-        )
+    if not wrong and (beyond := saturated(recording)):
+        found.append(beyond)
     return [true_names(reason, recording.units) for reason in found] + wrong
 
 
@@ -100,7 +95,7 @@ def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[s
 
 def gaps(recording: Recording, settings: Settings | None = None) -> list[str]:
     """Questions left open although a verdict can be given; each names the recording to make."""
-    from mrwarp.identify.dataset import session_clock
+    from mrwarp.identify.checks.run_levels import levels_without_clock
 
     unchanging = (settings or Settings()).gain.unchanging
     runs = recording.trajectories
@@ -133,7 +128,8 @@ def gaps(recording: Recording, settings: Settings | None = None) -> list[str]:
         )
     if len(runs) > 1 and session_clock(recording) is None:
         found.append(
-            "the runs share no clock (their recorded times overlap, as where each begins at 0 s): wear, drift and "
+            levels_without_clock(recording, settings)
+            or "the runs share no clock (their recorded times overlap, as where each begins at 0 s): wear, drift and "
             "warming from run to run cannot be seen, only within runs; record t by a clock that runs on from run to run"
         )
     return found

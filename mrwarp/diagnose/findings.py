@@ -23,10 +23,10 @@ from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
-from mrwarp.identify.dataset import MOVING, Motion, rms, session_clock
+from mrwarp.identify.dataset import MOVING, Motion, rms
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
-from mrwarp.recording.data import NO_INPUT
+from mrwarp.recording.data import NO_INPUT, session_clock
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 from mrwarp.sysid.settings import Settings

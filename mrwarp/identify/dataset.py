@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 from mrwarp.effects.law import Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.kinematics import Kinematics, reconstruct
-from mrwarp.recording.data import is_load, quantity
+from mrwarp.recording.data import is_load, quantity, session_clock
 from mrwarp.recording.load import Recording
 from mrwarp.sysid.settings import Settings
 
@@ -342,18 +342,6 @@ class Motion(Dataset):
 def _turns(way: float) -> float:
     """Full turns within a range of angles [rad]; a sweep over one turn may end a little short of it."""
     return float(way // (_WHOLE * 2.0 * np.pi))
-
-
-def session_clock(recording: Recording) -> np.ndarray | None:
-    """Time in the session at which each trajectory starts [s], shape (T,); None where they share no clock.
-
-    They share one where no two of them overlap in their recorded times. The order of files is no time: where each
-    begins at 0 s nobody knows which came first.
-    """
-    starts = np.array([run.t[0] for run in recording.trajectories])
-    ends = np.array([run.t[-1] for run in recording.trajectories])
-    order = np.argsort(starts, kind="stable")
-    return starts - starts.min() if np.all(starts[order][1:] > ends[order][:-1]) else None
 
 
 def _slid(data: Dataset, time: np.ndarray, *, alone: bool) -> np.ndarray:

@@ -32,6 +32,7 @@ from mrwarp.identify.replay import Replay
 from mrwarp.model_file import Effect
 from mrwarp.params import BoucWenParams, holding_curve
 from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
+from mrwarp.recording.saturation import saturated
 from mrwarp.sysid.settings import Gain
 
 PARAMETERS = (*LINEAR, *SHAPE)
@@ -190,7 +191,7 @@ def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnin
         "rmse_per_trajectory": {run.id: rms(e) for run, e in zip(runs, errors, strict=True)},
         "rmse_per_current": {key: rms(np.concatenate(groups[key])) for key in sorted(groups)},
         "simulated": tuple(torques),
-        "warnings": tuple(warnings),
+        "warnings": (*warnings, *filter(None, [saturated(recording)])),
     }
 
 

@@ -80,8 +80,8 @@ class Repair:
     trajectory: str
     """Trajectory, or file, that it happened to."""
     kind: str
-    """``resampled``, ``unwrapped``, ``replaced``, ``integrated``, ``shifted``, ``split``, ``left_out`` or
-    ``saturated``."""
+    """``resampled``, ``unwrapped``, ``replaced``, ``integrated``, ``shifted``, ``split``, ``left_out``, ``saturated``,
+    or ``held``, which is said only."""
     count: int
     """Intervals, gaps or samples that are concerned."""
     at: tuple[float, ...] = ()
@@ -178,6 +178,18 @@ class Recording:
         """Smallest and largest current, in size [unit of the current]."""
         sizes = [np.abs(trajectory.current) for trajectory in self.trajectories]
         return float(min(size.min() for size in sizes)), float(max(size.max() for size in sizes))
+
+
+def session_clock(recording: Recording) -> np.ndarray | None:
+    """Time in the session at which each trajectory starts [s], shape (T,); None where they share no clock.
+
+    They share one where no two of them overlap in their recorded times. The order of files is no time: where each
+    begins at 0 s nobody knows which came first.
+    """
+    starts = np.array([run.t[0] for run in recording.trajectories])
+    ends = np.array([run.t[-1] for run in recording.trajectories])
+    order = np.argsort(starts, kind="stable")
+    return starts - starts.min() if np.all(starts[order][1:] > ends[order][:-1]) else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,8 +8,9 @@ import pytest
 
 from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, LAWS
-from mrwarp.identify.dataset import Motion, Scales, session_clock
+from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.replay import EffectReplay, null_row, simulate
+from mrwarp.recording.data import session_clock
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 

@@ -12,7 +12,7 @@ from mrwarp import cli
 from mrwarp.diagnose.data_checks import no_verdict_reasons
 from mrwarp.identify.fit import fit
 from mrwarp.recording.load import Recording, load_recording, save_recording
-from mrwarp.recording.saturation import mark_saturated
+from mrwarp.recording.saturation import mark_saturated, stuck
 from tests.identify import synthetic
 
 
@@ -62,3 +62,51 @@ def test_a_peak_is_no_end_of_a_range() -> None:
     """A recording that was never clipped is the same object."""
     whole = synthetic.bench_like(0, runs=2, seconds=2.0)
     assert mark_saturated(whole) is whole
+
+
+def _stuck(recording: Recording, samples: int) -> Recording:
+    """The torque of the second run stands still for a while."""
+    first, run, *others = recording.trajectories
+    torque = run.torque.copy()
+    torque[300 : 300 + samples] = torque[300]
+    return replace(recording, trajectories=(first, replace(run, torque=torque), *others))
+
+
+def test_a_reading_that_is_stuck_is_set_aside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Half a second of equal torques of a joint that moves: they do not count, all others do; where much is, no fit."""
+    whole = synthetic.bench_like(0, runs=4, seconds=4.0)
+    save_recording(_stuck(whole, 100), tmp_path / "data")
+    recording = load_recording(tmp_path / "data")
+    (repair,) = recording.repairs
+    assert repair.kind == "saturated" and repair.count == 99 and "still while the joint moves" in repair.text
+    lost = ~recording.trajectories[1].known
+    assert lost[301:400].all() and not lost[:299].any() and not lost[405:].any()
+    assert cli.main(["check", str(tmp_path / "data")]) == 0
+    assert "the torque stands still while the joint moves in 99 of 800" in capsys.readouterr().out
+    hard = Recording(
+        trajectories=tuple(
+            _stuck(replace(whole, trajectories=(run, run)), 300).trajectories[1] for run in whole.trajectories
+        )
+    )
+    assert mark_saturated(hard) is hard
+    assert [text for text in no_verdict_reasons(hard) if "its reading was stuck" in text]
+
+
+def test_what_a_torque_repeats_by_itself_is_no_stuck_reading() -> None:
+    """A rest, a coarse sensor, a plateau in every swing of a torque without noise, and a few equal neighbours."""
+    t, rng = np.arange(2000) * 0.005, np.random.default_rng(0)
+    q = 0.5 * np.sin(2.0 * np.pi * 0.5 * t)
+    noisy = np.sign(np.cos(np.pi * t)) + 0.01 * rng.normal(size=2000)
+    assert stuck(np.where((t > 3.0) & (t < 4.0), 0.7, noisy), q, 0.005).sum() == 198
+    rest = np.where((t > 3.0) & (t < 4.0), q[600], q)
+    assert not stuck(np.where((t > 3.0) & (t < 4.0), 0.7, noisy), rest, 0.005).any()
+    coarse, plateaus = np.round(noisy, 1), np.tanh(40.0 * np.cos(np.pi * t))
+    for torque in (coarse, plateaus, np.round(noisy, 3), np.zeros(2000)):
+        assert not stuck(torque, q, 0.005).any()
+
+
+def test_a_fit_says_of_how_much_torque_it_knows_nothing() -> None:
+    """Beyond a quarter that is clipped, a diagnosis gives no verdict and a fit warns, by the same words."""
+    hard = _clipped(synthetic.bench_like(0, runs=4, seconds=2.0), 0.1)
+    (reason,) = [text for text in no_verdict_reasons(hard) if "saturated" in text]
+    assert reason in fit(hard).warnings

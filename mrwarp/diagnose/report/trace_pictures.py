@@ -26,8 +26,8 @@ from mrwarp.diagnose.report.mismatch_profile import (
 from mrwarp.diagnose.result import Diagnosis, Traces
 from mrwarp.diagnose.verdict_text import axis_label, title
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.dataset import of_commonest_rate, rms, session_clock
-from mrwarp.recording.data import true_names
+from mrwarp.identify.dataset import of_commonest_rate, rms
+from mrwarp.recording.data import session_clock, true_names
 from mrwarp.sysid.report.pictures import AFTER, BEFORE, MEASURED, NOISE
 from mrwarp.sysid.report.words import capital, short
 from mrwarp.sysid.verdict import Cause

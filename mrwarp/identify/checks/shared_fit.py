@@ -143,6 +143,16 @@ class SharedFit:
         size = np.maximum(np.einsum("i,rij,j->r", c, self.grams, c), 1e-30)
         return shared / size, shared / np.sqrt(size) / np.maximum(self.spread, 1e-30)
 
+    def factors_of_halves(self, torque: Sequence[np.ndarray]) -> np.ndarray:
+        """Factor of the first and of the second half of each run against what most runs agree on, shape (2, R)."""
+        out = np.empty((2, len(self.rows)))
+        for run, (x, y) in enumerate(zip(self.rows, torque, strict=True)):
+            for k, half in enumerate((slice(0, len(y) // 2), slice(len(y) // 2, None))):
+                gram, cross = _moments(x[half], y[half])
+                size = float(self.coefficients @ gram @ self.coefficients)
+                out[k, run] = float(cross @ self.coefficients) / max(size, 1e-30)
+        return out
+
 
 def _moments(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Covariances of the features, and theirs with the torque, shape (K, K) and (K,).

@@ -1,0 +1,48 @@
+"""Runs without a common clock whose torque's level differs in the same motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.data_checks import gaps
+from mrwarp.identify.checks.run_levels import levels_without_clock
+from mrwarp.recording.load import Recording
+from tests.identify import synthetic
+
+GOOD = synthetic.bench_like(4, runs=6, seconds=2.0)
+
+
+def with_factors(factors: np.ndarray, clock: bool = False) -> Recording:
+    """Every run with its torque times a factor; with a ``clock`` one after the other."""
+    runs = zip(GOOD.trajectories, factors, strict=True)
+    changed = [replace(run, torque=x * run.torque, t=run.t + 5.0 * k * clock) for k, (run, x) in enumerate(runs)]
+    return Recording(trajectories=tuple(changed))
+
+
+def test_a_level_that_differs_between_runs_is_named_where_nobody_knows_their_order() -> None:
+    """A tenth less from run to run: said by every command; by one clock a diagnosis may find why."""
+    falls = with_factors(1.0 - 0.1 * np.arange(6))
+    said = levels_without_clock(falls)
+    assert "differs between runs" in said and "'run5'" in said and "record t by a clock" in said
+    assert said in gaps(falls)
+    assert not levels_without_clock(with_factors(1.0 - 0.1 * np.arange(6), clock=True))
+
+
+@pytest.mark.parametrize("recording", [GOOD, with_factors(1.0 - 0.02 * np.arange(6))], ids=["none", "a tenth"])
+def test_runs_of_about_one_level_have_no_note(recording: Recording) -> None:
+    """What differs by less than a quarter is left to the noise of the runs."""
+    assert not levels_without_clock(recording)
+
+
+def test_friction_that_falls_with_the_speed_is_no_level() -> None:
+    """Each run at its own speed, with the torque of that speed: a law, no matter in which order."""
+    runs = []
+    for k, run in enumerate(GOOD.trajectories):
+        speed = 0.2 + 0.2 * k
+        q = 0.4 * np.sin(speed * run.t / 0.4)
+        qd = speed * np.cos(speed * run.t / 0.4)
+        noise = 0.01 * np.random.default_rng(k).normal(size=len(q))
+        torque = (0.3 - 0.1 * speed) * np.tanh(qd / 0.02) + noise
+        runs.append(replace(run, q=q, qd=qd, current=0.0 * q, torque=torque))
+    assert not levels_without_clock(Recording(trajectories=tuple(runs)))
