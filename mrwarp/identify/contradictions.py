@@ -149,7 +149,7 @@ def forewarning(recording: Recording, settings: Settings | None = None, *, least
 
 
 def _jumps(recording: Recording, gain: Gain) -> str:
-    """Whether the angle jumps, as it does where it begins again or where two runs stand in one file."""
+    """Whether the angle jumps in a way that was not put right when it was read: often, or beyond its motion."""
     for run in recording.trajectories:
         steps, reach = np.abs(np.diff(run.q)), float(np.ptp(run.q))
         at = np.flatnonzero(steps > gain.half * reach)
@@ -160,8 +160,8 @@ def _jumps(recording: Recording, gain: Gain) -> str:
             name, unit = quantity("q", recording.units), recording.units["q"]
             return (
                 f"the {name} of {run.id!r} jumps by {steps[k]:.3g} {unit} from one sample to the next at "
-                f"{run.t[k]:.4g} s ({sum(stays)} such jumps), as no joint does: a reading that begins again, which has "
-                "to go on, or two runs in one file, which need a 'trajectory' column; put it right, and try again"
+                f"{run.t[k]:.4g} s ({sum(stays)} such jumps), as no joint does: a reading that begins again, or was "
+                "set to another zero, has to go on; put it right, and try again"
             )
     return ""
 

@@ -21,6 +21,11 @@ _AWAY, _COUNTS = 6.0, 4.0
 """Least distance of a wrong reading from the middle of its neighbours, in the 95th percentile of a run's steps, and in
 its smallest one. The former is 17 standard deviations of white noise; what rests on an encoder's edge goes to and fro
 by one count. The neighbours differ by half as much at most: by the motion."""
+_AROUND, _MORE = 3, 1.5
+"""Steps on either side of a jump whose means are the speed before and after it; how many times as large as anywhere
+else a change is that comes with it."""
+_STUCK, _CREEPS = 10, 0.05
+"""Fewest equal readings before a jump that were stuck; part of the quickest step that a joint which moves makes."""
 _JUMPS = 3
 """Most jumps of an angle in a run: what is more frequent is how this joint moves."""
 _WRONG = 0.01
@@ -81,10 +86,10 @@ def without_brief_pulses(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def without_jumps(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """An angle that goes on where it was when its reading jumps, as where an encoder slips or is set to zero.
+    """An angle that goes on where it was when its reading jumps.
 
-    A jump is longer than every other step of the run, differs from those before and after it by far more than any other
-    does, and is shorter than the run's motion: a joint that rests but for one quick move does not jump.
+    A jump is longer than every other step of the run, and differs from those before and after it by far more than any
+    other does.
 
     Args:
         t: Time [s], shape (N,); a step over missing samples counts as the mean change from one to the next.
@@ -114,7 +119,7 @@ def without_jumps(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     back = q - np.cumsum(moved)
     size, others = np.abs(step[1:-1])[at], np.abs(np.delete(step[1:-1], at))
     alone = size.min() > max(_SMOOTH * others.max(), _COUNTS * others[others > 0.0].min(initial=np.inf))
-    return (back, at) if alone and size.max() < np.ptp(back) else none
+    return (back, at) if alone else none
 
 
 def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
@@ -139,20 +144,65 @@ def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units)
     return found
 
 
-def undo_jumps(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
-    """Move the angle of a run back where it jumps; a note on it."""
-    before = run["q"]
-    run["q"], at = without_jumps(run["t"], before)
+def undo_jumps(label: str, run: dict[str, np.ndarray], units: Units) -> tuple[list[slice], list[Repair]]:
+    """Move the angle of a run back where it alone jumps; where more does, the run is two runs.
+
+    Where an encoder slips or is set to zero, speed, torque and control input go on as they were. Where they change by
+    more than anywhere else in the run, another run begins. Where the reading stood still before, it was stuck. A jump
+    that is longer than the run's motion stays as it is: a joint that rests but for one quick move does not jump.
+
+    Returns:
+        The samples of each run that is in it, and a note.
+    """
+    whole, (back, at) = [slice(0, len(run["q"]))], without_jumps(run["t"], run["q"])
     if not len(at):
-        return []
-    where = tuple(float(t) for t in run["t"][at])
-    by = with_unit(f"{np.abs(np.diff(before - run['q'])).max():.3g}", units.base("q"))
+        return whole, []
+    speed, change = np.diff(back), np.zeros(len(back) - 1)
+    stood = [_stood(run["q"], int(k)) for k in at]
+    bounds = [0, *(x for k, long in zip(at, stood, strict=True) for x in (int(k) + 1 - long, int(k) + 1)), len(back)]
+    pieces = [slice(*bounds[k : k + 2]) for k in range(0, len(bounds), 2)]
+    means = np.convolve(speed, np.full(_AROUND, 1.0 / _AROUND), "valid")
+    change[_AROUND:-_AROUND] = means[_AROUND + 1 :] - means[: -_AROUND - 1]
+    names = {key: quantity(key, {key: units.base(key)}) for key in ("current", "torque")}
+    changes = {"speed": change, **{name: np.diff(run[key]) for key, name in names.items()}}
+    with_it = [name for name, x in changes.items() if _stands_out(np.abs(x), at)]
+    size, where = float(np.abs(np.diff(run["q"]))[at].max()), tuple(float(t) for t in run["t"][at])
+    after = f"(after {', '.join(f'{t:.4g}' for t in where)} s)"
+    if any(stood):
+        text = (
+            f"q stands still and then jumps by up to {with_unit(f'{size:.3g}', units.base('q'))} {after}, as a reading "
+            f"that was stuck: {sum(stood)} samples before the jumps are left out, the rest is separated there"
+        )
+        return pieces, [Repair(trajectory=label, kind="split", count=len(at), at=where, text=text)]
+    if with_it:
+        text = (
+            f"q jumps by up to {with_unit(f'{size:.3g}', units.base('q'))} {after}, and {' and '.join(with_it)} with "
+            "it, as where two runs stand in one file: they are separated; give each its own 'trajectory' id"
+        )
+        return pieces, [Repair(trajectory=label, kind="split", count=len(at), at=where, text=text)]
+    if size >= np.ptp(back):
+        return whole, []
+    moved = float(np.abs(np.diff(run["q"] - back)).max())
+    run["q"] = back
     text = (
-        f"q jumps {len(at)} times, by up to {by} (after {', '.join(f'{t:.4g}' for t in where)} s), as where an encoder "
-        "slips or is set to zero: it goes on from where it was; mount the encoder firmly; do not trust what depends "
-        "on the place"
+        f"q jumps {len(at)} times, by up to {with_unit(f'{moved:.3g}', units.base('q'))} {after}, and nothing else "
+        "with it, as where an encoder slips or is set to zero: it goes on from where it was; mount the encoder firmly; "
+        "do not trust what depends on the place"
     )
-    return [Repair(trajectory=label, kind="shifted", count=len(at), at=where, text=text)]
+    return whole, [Repair(trajectory=label, kind="shifted", count=len(at), at=where, text=text)]
+
+
+def _stood(q: np.ndarray, k: int) -> int:
+    """Samples up to the k-th that only repeat the one before them, where the joint moves after it; else 0."""
+    long = int(np.argmax(np.append(q[k::-1] != q[k], True))) - 1
+    moves = np.abs(q[k + 1 + _AROUND :][:1] - q[k + 1]) if k + 2 < len(q) else np.zeros(1)
+    return long if long >= _STUCK and moves.sum() > _AROUND * _CREEPS * np.abs(np.diff(q[: k + 1])).max() else 0
+
+
+def _stands_out(size: np.ndarray, at: np.ndarray) -> bool:
+    """Whether a change from sample to sample is clearly larger at one of some places than anywhere not near them."""
+    near = np.abs(np.arange(len(size))[:, None] - at).min(axis=1) <= 2 * _AROUND
+    return bool(size[at].max() > _MORE * size[~near].max(initial=0.0))
 
 
 def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[np.ndarray, int, float]:
@@ -183,6 +233,17 @@ def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[n
             turns = np.concatenate([[0.0], np.cumsum(whole)])
             return q - period * turns, int(wraps.sum()), period
     return q, 0, 0.0
+
+
+def unwrap(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
+    """Let the angle of a run go on where its reading begins again; a note on it."""
+    run["q"], wraps, period = unwrapped(run["t"], run["q"], units.periods())
+    if not wraps:
+        return []
+    turn = np.isclose(period, 2.0 * np.pi)
+    after = "a turn" if turn else f"{period / units.convert('q', np.ones(1))[0]:g} counts"
+    text = f"the {'angle' if turn else 'encoder'} begins again after {after} ({wraps} times): it goes on from its start"
+    return [Repair(trajectory=label, kind="unwrapped", count=wraps, text=text)]
 
 
 def in_one_turn(angles: Sequence[np.ndarray], period: float) -> list[np.ndarray]:

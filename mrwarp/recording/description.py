@@ -7,9 +7,10 @@ import json
 import numpy as np
 
 from mrwarp.recording.angle import without_wrong_readings
+from mrwarp.recording.column_checks import TURNS, derivative_ratio, turns
 from mrwarp.recording.data import NO_INPUT, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
-from mrwarp.recording.load import TURNS, Recording, derivative_ratio, turns
+from mrwarp.recording.load import Recording
 from mrwarp.sysid.settings import Spikes
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -11,10 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.angle import in_one_turn, integrated, replace_wrong_readings, undo_jumps, unwrapped
+from mrwarp.recording.angle import in_one_turn, integrated, replace_wrong_readings, undo_jumps, unwrap
+from mrwarp.recording.column_checks import (
+    check_finite,
+    check_marks,
+    check_plausible,
+    check_units,
+    held_channels,
+    without_marks,
+)
 from mrwarp.recording.data import (
     COLUMNS,
-    DEGREES,
     HOLDING_COLUMNS,
     HOLDING_FILE,
     NO_INPUT,
@@ -30,7 +36,7 @@ from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.resample import UnevenError, even_pieces
 from mrwarp.recording.saturation import mark_saturated
 from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
-from mrwarp.recording.units import PER, Units, read_units
+from mrwarp.recording.units import Units, read_units
 from mrwarp.recording.write import save_holding, save_recording
 
 __all__ = [
@@ -56,36 +62,11 @@ SAME_TORQUE = (0.2, 50.0)
 A brake sticks about as it slides: 1 to 1.5 for MR fluids; the paper's device has 9. A wrong prefix is 1000.
 """
 
-TURNS = 4.0
-"""Turns in one direction from which an angle is that of a motor or shaft that goes round."""
-
 EPOCH = 1e8
 """Time [s] from which stamps count from 1970, not from the start of a recording: three years."""
 
 _STAMPS = (("ms", 1e3, "milliseconds"), ("us", 1e6, "microseconds"), ("ns", 1e9, "nanoseconds"))
 """Likely units of stamps with steps of more than 1 s: their number in a second, which is the longest interval."""
-
-LARGEST = 1e20
-"""Largest number that is taken for a reading in any unit: nanoseconds since 1970 are 2e18."""
-
-_PLAUSIBLE = {
-    # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
-    "rad": (2.0 * np.pi, "deg"),  # a joint does not leave its middle by more than a turn
-    "m": (10.0, "mm"),
-    "A": (50.0, "mA"),  # MR coils take a few ampere
-    "V": (500.0, "mV"),
-    "N·m": (300.0, "mN·m"),  # ten times the paper's 26 N·m joint
-    "N": (1.0e6, "mN"),
-}
-
-_MIXED = (
-    (DEGREES, 1.6, "deg", "q"),
-    (1.0 / DEGREES, 1.6, "deg/s", "qd"),
-    (2.0 * np.pi / 60.0, 1.23, "rpm", "qd"),
-    (1.0 / (2.0 * np.pi), 1.23, "rev", "q"),
-)
-"""Ratio of dq/dt to qd where one of them is in another unit and the other in radians, the largest factor from it (of
-the last two half-way between them, in logarithms), that unit and its column."""
 
 
 def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
@@ -191,10 +172,10 @@ def load_holding(path: str | Path, recording: Recording | None = None) -> Holdin
     table = read_table(file, HOLDING_COLUMNS, MAX_BYTES)
     units = {name: (recording.units if recording else UNITS)[name] for name in HOLDING_COLUMNS}
     remedy = f"convert them, this file is in {' and '.join(units.values())} regardless of units.json"
-    _check_finite(table)
+    check_finite(table)
     if not read_units(file.parent).trusted:
         for name, unit in units.items():
-            _check_plausible(table, name, float(np.abs(table.columns[name]).max()), unit, remedy)
+            check_plausible(table, name, float(np.abs(table.columns[name]).max()), unit, remedy)
         if recording is not None:
             _check_same_device(table, recording, units, remedy)
     return Holding(current=table.columns["current"], torque=table.columns["torque"], units=units, header=table.header)
@@ -256,25 +237,34 @@ def _checked_trajectories(
     table: Table, units: Units, stem: str, in_folder: bool, origin: float
 ) -> tuple[list[Trajectory], list[Repair]]:
     """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder."""
-    _check_finite(table)
+    check_finite(table)
     columns = {name: units.convert(name, values) for name, values in table.columns.items()}
     columns["t"] = columns["t"] - origin if origin else columns["t"]
     if "current" not in columns:
         columns["current"] = np.zeros(len(columns["t"]))
     flags = {flag: bool(table.header.get(flag, False)) for flag in ("qd_derived", "q_integrated")}
-    parts, repairs, turned = [], [], False
+    parts, repairs = [], []
+    if table.cut:
+        repairs.append(Repair(trajectory=table.file.name, kind="left_out", count=1, text=table.cut))
     for name, rows in _groups(table):
         label = stem if name is None else f"{stem}/{name}" if in_folder else name
         run = {key: values[rows] for key, values in columns.items()}
-        repairs += replace_wrong_readings(label, run, units)
+        repairs += [*replace_wrong_readings(label, run, units), *without_marks(label, run)]
+        if not units.trusted:
+            check_marks(table, run, rows, units)
+        repairs += held_channels(label, run)
+        pieces = [slice(0, len(rows))]
         if "q" in run:
-            run["q"], wraps, period = unwrapped(run["t"], run["q"], units.periods())
-            if wraps:
-                turned = True
-                repairs.append(_unwrapped(label, wraps, period, units))
-            repairs += undo_jumps(label, run, units)
-        found, done = _even_parts(table, run, rows, name, label)
-        repairs += done
+            repairs += unwrap(label, run, units)
+            pieces, done = undo_jumps(label, run, units)
+            repairs += done
+        found = []
+        for own, part in _named(label, pieces):
+            even, done = _even_parts(
+                table, {key: x[part] for key, x in run.items()}, rows[part], name, own, "t" in units.given
+            )
+            found += even
+            repairs += done
         for own, part in found:
             trajectory = _trajectory(own, part, table.header, flags)
             parts.append(trajectory)
@@ -285,8 +275,16 @@ def _checked_trajectories(
                 )
                 repairs.append(Repair(trajectory=own, kind="integrated", count=len(trajectory.t), text=text))
     if not units.trusted:
-        _check_units(table, parts, units, turned)
+        check_units(table, parts, units, any(repair.kind == "unwrapped" for repair in repairs))
     return parts, repairs
+
+
+def _named(label: str, pieces: list[slice]) -> list[tuple[str, slice]]:
+    """Names and rows of the runs in a run that are long enough; of the first where none is."""
+    if len(pieces) == 1:
+        return [(label, pieces[0])]
+    parts = [(f"{label}#{k + 1}", piece) for k, piece in enumerate(pieces)]
+    return [part for part in parts if part[1].stop - part[1].start >= MIN_SAMPLES] or parts[:1]
 
 
 def _trajectory(name: str, part: dict[str, np.ndarray], header: dict[str, Any], flags: dict[str, bool]) -> Trajectory:
@@ -320,25 +318,6 @@ def _in_one_turn(runs: list[Trajectory], repairs: list[Repair]) -> list[Trajecto
     return [replace(run, q=q) for run, q in zip(runs, found, strict=True)]
 
 
-def _unwrapped(label: str, wraps: int, period: float, units: Units) -> Repair:
-    """Note on an angle that was unwrapped."""
-    turn = np.isclose(period, 2.0 * np.pi)
-    after = "a turn" if turn else f"{period / units.convert('q', np.ones(1))[0]:g} counts"
-    text = f"the {'angle' if turn else 'encoder'} begins again after {after} ({wraps} times): it goes on from its start"
-    return Repair(trajectory=label, kind="unwrapped", count=wraps, text=text)
-
-
-def _check_finite(table: Table) -> None:
-    for name, values in table.columns.items():
-        if not np.isfinite(values).all():
-            row = int(np.flatnonzero(~np.isfinite(values))[0])
-            what = "an empty cell or NaN" if np.isnan(values[row]) else "infinity"
-            raise table.refuse(f"{what} instead of a number; cut it out or record again", row=row, column=name)
-        if len(values) and (size := np.abs(values)).max() > LARGEST:
-            row = int(size.argmax())
-            raise table.refuse(f"{values[row]:.3g} is no measurement; cut it out or record again", row=row, column=name)
-
-
 def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:
     """Rows of each trajectory in the order of first appearance."""
     if table.ids is None:
@@ -350,7 +329,7 @@ def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:
 
 
 def _even_parts(
-    table: Table, part: dict[str, np.ndarray], rows: np.ndarray, name: str | None, label: str
+    table: Table, part: dict[str, np.ndarray], rows: np.ndarray, name: str | None, label: str, declared: bool
 ) -> tuple[list[tuple[str, dict[str, np.ndarray]]], list[Repair]]:
     """Evenly sampled runs of one trajectory with their names, and what was done to its time stamps."""
     of, t = "" if name is None else f" of trajectory {name!r}", part["t"]
@@ -358,11 +337,12 @@ def _even_parts(
         raise table.refuse(f"{len(t)} samples{of}; at least {MIN_SAMPLES} are needed, record a longer run")
     try:
         dt = float(np.median(np.diff(t)))
-        if dt > 1.0:
+        if dt > 1.0 or (dt == 1.0 and not (t % 1.0).any() and not declared):
             unit, per_second, name = next((x for x in _STAMPS if dt <= x[1]), _STAMPS[-1])
+            rate = " (numbers of samples by their rate)" if dt == 1.0 else ""
             raise table.refuse(
-                f"{dt:g} s between samples{of}: these look like {name}; divide by {per_second:.0f}, or declare the "
-                f'unit in units.json: {{"t": "{unit}"}}',
+                f"{dt:g} s between samples{of}: these look like {name}; divide by {per_second:.0f}{rate}, or declare "
+                f'the unit in units.json: {{"t": "{unit}"}}',
                 column="t",
             )
         pieces, gaps = even_pieces(part)
@@ -390,58 +370,3 @@ def _even_parts(
             count = piece.moved or piece.repeated or len(piece.columns["t"])
             repairs.append(Repair(trajectory=own, kind="resampled", count=count, at=piece.at, text=text))
     return parts, repairs
-
-
-def _check_units(table: Table, parts: list[Trajectory], units: Units, turned: bool) -> None:
-    """Refuse values that are clearly in another unit, where none was declared, and columns in two units."""
-    largest = {
-        "q": max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts),
-        "current": max(float(np.abs(part.current).max()) for part in parts),
-        "torque": max(float(np.abs(part.torque).max()) for part in parts),
-    }
-    if turned or "q" not in table.columns or max(map(turns, parts)) > TURNS:
-        largest.pop("q")  # a rotation: no joint is driven that far, in degrees either, without a turn back
-    for key in largest.keys() - units.given:
-        likely, more = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1], ""
-        if key == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all():
-            more = f', or, if these are encoder counts, {{"q": "counts", "{next(iter(PER))}": ...}}'
-        remedy = f'convert them, or declare the unit in units.json next to the file: {{"{key}": "{likely}"}}{more}'
-        _check_plausible(table, key, largest[key], units.base(key), remedy)
-    if units.base("q") != "rad":
-        return
-    for part in parts:
-        ratio = derivative_ratio(part)
-        unit, key = next((x[2:] for x in _MIXED if 1.0 / x[1] < ratio / x[0] < x[1]), ("", ""))
-        if part.qd_derived or not key:
-            continue
-        other, declared = ("qd" if key == "q" else "q"), {"q": "rad", "qd": "rad/s", key: unit}
-        raise table.refuse(
-            f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
-            f"radians; convert it, or declare it in units.json next to the file: {json.dumps(declared)}",
-            column=key,
-        )
-
-
-def _check_plausible(table: Table, key: str, largest: float, unit: str, remedy: str) -> None:
-    """Refuse a column whose largest value no device of this kind reaches."""
-    limit, likely = _PLAUSIBLE.get(unit, (np.inf, ""))  # what else a control input may be in has no limit
-    if largest > limit:
-        what = "away from their median" if key == "q" else "in size"
-        raise table.refuse(
-            f"values up to {largest:.4g} {unit} {what} look like {likely}; {remedy} (if they really are {unit}: "
-            '{"trust_units": true})',
-            column=key,
-        )
-
-
-def turns(part: Trajectory) -> float:
-    """How often a trajectory goes round without turning back; 0 where it does turn back."""
-    path, way = float(np.abs(np.diff(part.q)).sum()), abs(float(part.q[-1] - part.q[0]))
-    return way / (2.0 * np.pi) if way > 0.9 * path else 0.0
-
-
-def derivative_ratio(part: Trajectory) -> float:
-    """RMS of dq/dt over RMS of the trajectory's qd; 1 where either rests."""
-    derived = differentiate(part.q, part.dt)
-    own, other = float(np.sqrt(np.mean(part.qd**2))), float(np.sqrt(np.mean(derived**2)))
-    return other / own if own > 1e-9 and other > 1e-9 else 1.0

@@ -252,8 +252,9 @@ def _interval(step: np.ndarray) -> float:
 
 
 def _backwards(t: np.ndarray, k: int) -> str:
+    remedy = "remove one of these rows" if t[k + 1] == t[k] else "sort the rows"
     return (
-        f"time does not increase: {t[k + 1]:.9g} s after {t[k]:.9g} s; sort the rows, or give each run its own "
+        f"time does not increase: {t[k + 1]:.9g} s after {t[k]:.9g} s; {remedy}, or give each run its own "
         "'trajectory' id"
     )
 

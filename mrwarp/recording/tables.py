@@ -29,6 +29,14 @@ MAX_BYTES = 2**29
 EMPTY = frozenset(("", "#N/A", "NA", "N/A", "n/a", "NULL", "null", "None", "nan", "NaN", "NAN", "-nan", "-NaN"))
 """Cells that programs write where there is no number."""
 
+_ALIKE = 20
+"""Fewest lines by which the last one is judged."""
+_PLAIN = {"torque": "Nm", "temperature": "°C"}
+"""Other spellings of units that need no declaration."""
+_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
+"""A unit in brackets."""
+_LAST_NUMBER = re.compile(r"\.(\d*)(?:[eE][-+]?\d+)?\s*$")
+
 _ALIASES = {
     "t": ("time", "timestamp", "zeit"),
     "q": ("theta", "position", "angle", "displacement", "pos", "winkel", "weg"),
@@ -52,6 +60,8 @@ class Table:
     """Float64, NaN where a cell is empty."""
     ids: np.ndarray | None = None
     """Trajectory of each row, or None for one trajectory."""
+    cut: str = ""
+    """Note on a last line that was left out because the file ends within it; empty: there is none."""
 
     def refuse(self, problem: str, *, row: int | None = None, column: str | None = None) -> RecordingError:
         """The error for a row (counted from 0) and a column of this file."""
@@ -145,6 +155,8 @@ def _read_csv(file: Path, data: bytes, required: Sequence[str], keep: Callable[[
         text = data[position:].decode("utf-8")
     except UnicodeDecodeError as error:
         raise table.refuse(f"not readable as CSV ({error}); export it again") from None
+    text, cut = _without_cut_line(text, len(names))
+    table = replace(table, cut=cut)
     numbers = [k for k, name in enumerate(names) if keep(name) and name != "trajectory"]
     values = _plain_numbers(text, len(names), numbers)
     if values is None:
@@ -160,6 +172,32 @@ def _read_csv(file: Path, data: bytes, required: Sequence[str], keep: Callable[[
         if len(empty := np.flatnonzero(ids == "")):
             raise _without_id(table, int(empty[0]))
     return replace(table, columns={names[k]: values[:, i].copy() for i, k in enumerate(numbers)}, ids=ids)
+
+
+def _without_cut_line(text: str, count: int) -> tuple[str, str]:
+    """Lines of ``count`` cells without a last one in which the file ends, and a note on it.
+
+    It lacks the line's end, and cells, or digits of a last number that has as many in all the other lines.
+    """
+    start = text.rfind("\n") + 1
+    last = text[start:]
+    lines = text[:start].splitlines()
+    if not last.strip() or len(lines) < _ALIKE or '"' in last:
+        return text, ""
+    digits = {_decimals(line) for line in lines}
+    fewer = last.count(",") + 1 < count
+    if not fewer and (len(digits) > 1 or _decimals(last) >= max(digits)):
+        return text, ""
+    return text[:start], (
+        f"the file ends within its last line, {last.strip()[-40:]!r}: that line is left out; was the logger stopped, "
+        "or is the copy not complete?"
+    )
+
+
+def _decimals(line: str) -> int:
+    """Digits after the point of the last number of a line, 0 where it has none."""
+    found = _LAST_NUMBER.search(line)
+    return len(found[1]) if found else 0
 
 
 def _plain_numbers(text: str, count: int, wanted: Sequence[int]) -> np.ndarray | None:
@@ -178,6 +216,11 @@ def _cell_by_cell(table: Table, text: str, names: list[str], keep: Callable[[str
         if len(row) != len(names):
             problem = f"{len(row)} values for {len(names)} columns; complete or remove the line"
             raise table.refuse(problem, row=k)
+    if rows and not any(_reads(cell) for cell in rows[0]):
+        units = {n: cell.strip(" []()") for n, cell in zip(names, rows[0], strict=True) if n in UNITS and cell.strip()}
+        declared = json.dumps({n: unit for n, unit in units.items() if unit != UNITS[n]}, ensure_ascii=False)
+        hint = f"; if it names units, declare {declared} in units.json" if declared != "{}" else ""
+        raise table.refuse(f"no number in it ({', '.join(rows[0])[:60]}): remove the line{hint}", row=0)
     columns, ids = {}, None
     for name, cells in zip(names, zip(*rows, strict=True), strict=True):
         if name == "trajectory" and keep(name):
@@ -195,6 +238,14 @@ def _rows(table: Table, text: str) -> list[list[str]]:
         return [row for row in csv.reader(io.StringIO(text), strict=True) if row]
     except csv.Error as error:
         raise table.refuse(f"not readable as CSV ({error}); export it again") from None
+
+
+def _reads(cell: str) -> bool:
+    """Whether a cell is a number or empty."""
+    try:
+        return cell.strip() in EMPTY or np.isfinite(float(cell))
+    except ValueError:
+        return False
 
 
 def _number(table: Table, cell: str, row: int, name: str) -> float:
@@ -254,7 +305,7 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
             hint = f"the first line must name the columns: {', '.join(required)}"
         else:
             near = _near(names, missing[0])
-            hint = f"rename {near[0]!r} to {missing[0]!r}" if near else f"add it [{UNITS[missing[0]]}]"
+            hint = _renames(names, missing) if near else f"add it [{UNITS[missing[0]]}]"
             if len(near) > 1 and all(each[-1].isdigit() for each in near):
                 hint = f"{', '.join(near[:4])}: a recording is of one joint, so write one file for each, or {hint}"
             if not near and missing[0] == "current":
@@ -266,6 +317,17 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
     double = [name for name in names if names.count(name) > 1]
     if double:
         raise table.refuse(f"two columns are called {double[0]!r}; remove or rename one")
+
+
+def _renames(names: list[str], missing: list[str]) -> str:
+    """Names for columns that are there by another one, and the units that stand in it."""
+    near = {name: found[0] for name in (*missing, "qd") if name not in names and (found := _near(names, name))}
+    said = {name: _UNIT.search(old) for name, old in near.items()}
+    units = {
+        name: found[1] for name, found in said.items() if found and found[1] not in (UNITS[name], _PLAIN.get(name))
+    }
+    hint = "rename " + ", ".join(f"{old!r} to {name!r}" for name, old in near.items())
+    return hint + (f", and declare {json.dumps(units, ensure_ascii=False)} in units.json" if units else "")
 
 
 def _near(names: list[str], name: str) -> list[str]:

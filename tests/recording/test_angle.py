@@ -12,8 +12,10 @@ from mrwarp import cli
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.identify.fit import made_motion
 from mrwarp.identify.kinematics import reconstruct
-from mrwarp.recording.angle import unwrapped, without_brief_pulses, without_jumps, without_wrong_readings
+from mrwarp.recording.angle import undo_jumps, unwrapped, without_brief_pulses, without_wrong_readings
+from mrwarp.recording.data import UNITS
 from mrwarp.recording.load import RecordingError, load_recording, save_recording
+from mrwarp.recording.units import Units
 from tests.recording.recordings import columns, write
 
 TURN = 2.0 * np.pi
@@ -107,7 +109,65 @@ def test_an_angle_that_jumps_goes_on_from_where_it_was(tmp_path: Path, capsys: p
     moved = 1.0 * (t > 2.0) + 0.001 * rng.normal(size=800)
     jerk = np.where((t > 2.0) & (t < 2.1), 0.4 * np.sin(10.0 * np.pi * (t - 2.0)), 0.0)
     for q in (moved, jerk, np.zeros(800), np.round(data["q"], 1), rng.normal(size=800), np.sign(np.sin(t))):
-        assert without_jumps(t, q)[0] is q
+        run = {"q": q, "t": t, "current": data["current"], "torque": data["torque"]}
+        pieces, repairs = undo_jumps("a", run, Units(UNITS))
+        assert run["q"] is q and pieces == [slice(0, 800)] and not repairs
+
+
+@pytest.mark.parametrize("offset", [0.0, 3.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_two_runs_in_one_file_are_taken_apart(tmp_path: Path, seed: int, offset: float) -> None:
+    """By stamps that go on, with another motion from the 300th sample on: two runs as they are, and the reason."""
+    data, rng, parts = columns(800), np.random.default_rng(seed), []
+    for length, zero, began in ((300, 0.0, 0.0), (500, offset, 2.0)):
+        t, f = np.arange(length) * 0.005, rng.uniform(0.4, 1.2)
+        phase = (
+            began + rng.uniform(-0.5, 0.5) - TURN * f * 1.5 * (began == 0.0)
+        )  # it ends near 0, the other begins high
+        q = zero + 0.6 * np.sin(TURN * f * t + phase)
+        qd = 0.6 * TURN * f * np.cos(TURN * f * t + phase)
+        parts.append(np.stack([q, 0.5 * np.tanh(qd / 0.2) + 0.01 * rng.normal(size=length)]))
+    q, torque = np.concatenate(parts, axis=1)
+    path = write(tmp_path / "a.csv", {"t": data["t"], "q": q, "current": np.zeros(800), "torque": torque})
+    recording = load_recording(path)
+    assert [(run.id, len(run.t)) for run in recording.trajectories] == [("a#1", 300), ("a#2", 500)]
+    (repair,) = recording.repairs
+    assert repair.kind == "split" and "two runs stand in one file" in repair.text
+    assert np.array_equal(np.concatenate([run.q for run in recording.trajectories]), q)
+    assert cli.main(["check", str(path)]) == 0
+
+
+def test_a_reading_of_the_angle_that_was_stuck_is_left_out(tmp_path: Path) -> None:
+    """It stands still for half a second of a swing and goes on where the joint is: nothing is moved."""
+    data = _swing()
+    q = 0.3 * data["q"]
+    read = np.where((data["t"] > 1.1) & (data["t"] < 1.6), q[220], q)
+    recording = load_recording(write(tmp_path / "a.csv", {**data, "q": read}))
+    first, second = recording.trajectories
+    (repair,) = recording.repairs
+    assert repair.kind == "split" and "was stuck: 99 samples" in repair.text
+    np.testing.assert_array_equal(first.q, q[:221])
+    np.testing.assert_array_equal(second.q, q[320:])
+    # a joint that rests on its count before the encoder slips is not stuck
+    rests = np.where(data["t"] < 1.0, q[200], q) + 0.5 * (data["t"] > 0.7)
+    run = {"q": rests, **{key: data[key] for key in ("t", "current", "torque")}}
+    pieces, (repair,) = undo_jumps("a", run, Units(UNITS))
+    assert repair.kind == "shifted" and pieces == [slice(0, 800)]
+
+
+def test_a_channel_that_is_held_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A torque that is read at 50 Hz, in a log of 200 Hz; neither what is coarse nor what is whole is."""
+    data = _swing()
+    noisy = data["torque"] + 0.01 * np.random.default_rng(0).normal(size=800)
+    data["q"] *= 0.5
+    path = write(tmp_path / "a.csv", {**data, "torque": np.repeat(noisy[::4], 4)})
+    (repair,) = load_recording(path).repairs
+    assert repair.kind == "held" and "torque changes every 4 samples only, as where it is read at 50 Hz" in repair.text
+    assert cli.main(["check", str(path)]) == 0 and "7.5 ms late" in capsys.readouterr().out
+    counts = np.repeat(np.abs(np.arange(200) % 100 - 50.0), 4) / 100.0  # an encoder at a steady speed
+    assert not [x for x in load_recording(write(tmp_path / "c.csv", {**data, "q": counts})).repairs if x.kind == "held"]
+    for torque in (noisy, np.round(noisy, 1)):
+        assert not load_recording(write(tmp_path / "b.csv", {**data, "torque": torque})).repairs
 
 
 def test_single_wrong_samples_of_a_command_are_replaced(tmp_path: Path) -> None:

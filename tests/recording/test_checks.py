@@ -116,6 +116,34 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
         _text_edit(lambda x: [*x[:9], x[9].rpartition(",")[0], *x[10:]]),
         ("row 9", "line 10", "4 values for 5 columns"),
     ),
+    "a mark of what was not read": (
+        _edited(torque=lambda x: np.where(np.arange(200) % 40 == 9, -999.0, x)),
+        ("row 10", "line 11", "'torque'", "-999 in 5 rows", "cut these rows out"),
+    ),
+    "marks of what was not read": (
+        _edited(q=lambda x: np.where(np.arange(200) > 150, 9999.0, x)),
+        ("row 152", "'q'", "9999 in 49 rows"),
+    ),
+    "unsigned": (
+        _edited(torque=lambda x: np.rint(1e3 * x) % 65536.0),
+        ("'torque'", "near 65536", "subtract 65536 from those above 32768"),
+    ),
+    "numbers of samples": (
+        lambda folder: write(folder / "bad.csv", {**columns(), "t": np.arange(200.0)}),
+        ("'t'", "1 s between samples", "numbers of samples by their rate"),
+    ),
+    "names with units": (
+        _text_edit(lambda x: ["time (s),Angle [deg],qd,I (mA),Torque (Nm)", *x[1:]]),
+        (
+            "'time (s)' to 't', 'Angle [deg]' to 'q', 'I (mA)' to 'current', 'Torque (Nm)' to 'torque'",
+            'declare {"q": "deg", "current": "mA"} in units.json',
+        ),
+    ),
+    "a line of units": (
+        _text_edit(lambda x: [x[0], "[s],[deg],[rad/s],[A],[N·m]", *x[1:]]),
+        ("row 1", "line 2", "remove the line", 'declare {"q": "deg"} in units.json'),
+    ),
+    "two values of one stamp": (_edited(t=_at(40, 39 * 0.005)), ("row 41", "remove one of these rows")),
     "time going backwards": (_edited(t=_at(40, 0.001)), ("row 41", "'t'", "does not increase", "sort the rows")),
     "time standing still": (_edited(t=_at(40, 39 * 0.005)), ("row 41", "does not increase")),
     "20 samples": (_text_edit(lambda x: x[:21]), ("20 samples", "at least 50")),
@@ -297,3 +325,75 @@ def test_break_away_tests_of_another_size_are_refused(
     assert not (tmp_path / "out").exists()
     (folder / "units.json").write_text('{"trust_units": true}')
     assert cli.main(["check", str(folder)]) == 0
+
+
+def _lines(folder: Path, form: str = "%.6f", **more: np.ndarray) -> tuple[Path, list[str]]:
+    """A file whose numbers have the same digits throughout, and its lines."""
+    data = {**columns(), **more}
+    rows = [",".join(form % x for x in row) for row in np.column_stack(list(data.values()))]
+    return folder / "a.csv", [",".join(data), *rows]
+
+
+@pytest.mark.parametrize("kept", [1, 4, 8, 14, 30])
+def test_a_last_line_that_was_cut_off_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str], kept: int):
+    """Within a number or between two: the line is no reading, and a note says so in every command."""
+    path, lines = _lines(tmp_path)
+    path.write_text("\n".join([*lines[:-1], lines[-1][:kept]]))
+    found = load_recording(path)
+    assert found.samples == 199 and found.repairs[0].kind == "left_out"
+    assert cli.main(["check", str(path)]) == 0
+    assert "the file ends within its last line" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\n\n"])
+@pytest.mark.parametrize("form", ["%.6f", "%.6g", "%.9e", "%d"])
+def test_a_whole_last_line_stays(tmp_path: Path, form: str, end: str):
+    """With the line's end or without, of numbers with as many digits as the others, or of any."""
+    path, lines = _lines(tmp_path, form)
+    if form == "%d":  # a torque in whole mN·m, by a clock in ms
+        lines[1:] = [f"{5 * k},{k % 70},{k % 7},{1000 * (k > 99)},{k % 90 - 45}" for k in range(200)]
+        (tmp_path / "units.json").write_text('{"t": "ms", "current": "mA", "torque": "mN·m", "trust_units": true}')
+    path.write_text("\n".join(lines) + end)
+    found = load_recording(path)
+    assert found.samples == 200 and not [x for x in found.repairs if x.kind == "left_out"]
+
+
+@pytest.mark.parametrize(
+    ("values", "words", "left"),
+    [
+        (lambda t: np.full(len(t), -127.0), "reads -127 degC in 200 of 200 samples", None),
+        (lambda t: np.full(len(t), -999.0), "the column is left out", None),
+        (lambda t: np.where(t == t[70], -127.0, 25.0 + t), "in 1 of 200 samples", (25.0, 26.0)),
+        (lambda t: np.where(t < 0.02, 85.0, 25.0 + t), "reads 85 degC in 4 of 200", (25.0, 26.0)),
+        (lambda t: np.where(t < 0.5, 84.0 + t, 85.0), "", (84.0, 85.0)),
+        (lambda t: np.full(len(t), 85.0), "", (85.0, 85.0)),
+    ],
+)
+def test_temperatures_of_a_sensor_that_does_not_answer(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    values: Callable[[np.ndarray], np.ndarray],
+    words: str,
+    left: tuple[float, float] | None,
+):
+    """A temperature that no bench has is none; a warm one stays."""
+    data = columns()
+    path = write(tmp_path / "a.csv", {**data, "temperature": values(data["t"])})
+    (run,) = load_recording(path).trajectories
+    assert cli.main(["check", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert words in out and ("the temperature reads" in out) == bool(words)
+    if left is None:
+        assert run.temperature is None
+    else:
+        assert run.temperature is not None and left[0] <= run.temperature.min() <= run.temperature.max() <= left[1]
+
+
+def test_angle_and_speed_that_are_swapped_are_no_degrees(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At 1.2 Hz dq/dt is 57 times qd then, as where one is in degrees: the columns do not go together."""
+    t = np.arange(400) * 0.005
+    phase = 2.0 * np.pi * 1.2 * t
+    q, qd = 0.3 * np.sin(phase), 0.3 * 2.0 * np.pi * 1.2 * np.cos(phase)
+    data = {"t": t, "q": qd, "qd": q, "current": np.ones(400), "torque": np.tanh(qd)}
+    assert cli.main(["check", str(write(tmp_path / "a.csv", data))]) == 2
+    assert "are two columns swapped" in capsys.readouterr().err

@@ -1,0 +1,220 @@
+"""Values that no device of this kind has, and columns that do not go together: refused, with the likely reason."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from mrwarp.recording.data import DEGREES, Repair, Trajectory
+from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.tables import Table
+from mrwarp.recording.units import PER, Units
+
+TURNS = 4.0
+"""Turns in one direction from which an angle is that of a motor or shaft that goes round."""
+
+LARGEST = 1e20
+"""Largest number that is taken for a reading in any unit: nanoseconds since 1970 are 2e18."""
+
+_PLAUSIBLE = {
+    # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
+    "rad": (2.0 * np.pi, "deg"),  # a joint does not leave its middle by more than a turn
+    "m": (10.0, "mm"),
+    "A": (50.0, "mA"),  # MR coils take a few ampere
+    "V": (500.0, "mV"),
+    "N·m": (300.0, "mN·m"),  # ten times the paper's 26 N·m joint
+    "N": (1.0e6, "mN"),
+}
+_OR = {"mN·m": (3e4, "N·cm"), "mA": (100.0, "%")}
+"""Of these units another one that values up to a limit may be in."""
+
+_MIXED = (
+    (DEGREES, 1.6, "deg", "q"),
+    (1.0 / DEGREES, 1.6, "deg/s", "qd"),
+    (2.0 * np.pi / 60.0, 1.23, "rpm", "qd"),
+    (1.0 / (2.0 * np.pi), 1.23, "rev", "q"),
+)
+"""Ratio of dq/dt to qd where one of them is in another unit and the other in radians, the largest factor from it (of
+the last two half-way between them, in logarithms), that unit and its column."""
+
+_MARKS = (999.0, 9999.0, 99999.0)
+"""What programs write, with either sign, where nothing was read."""
+_BEYOND = 3.0
+"""Least size of such a mark over all else in its column: nothing is near it."""
+_SIMILAR = 0.5
+"""Least correlation of dq/dt with qd that are one quantity in two units."""
+_WORDS = (16, 32)
+"""Bits of the signed numbers that programs read as unsigned ones."""
+_HELD, _ALWAYS = 50, 0.9
+"""Fewest changes of a channel, and share of them that come after equal times, where it is held in between."""
+_COLD, _HOT = -100.0, 300.0
+"""Temperatures [degC] that no bench has: -127 of a sensor that does not answer, 850 of an open wire, any mark."""
+_POWER_UP = 85.0
+"""What a common digital thermometer (DS18B20) gives before its first reading [degC]."""
+
+
+def check_finite(table: Table) -> None:
+    """Refuse what is no number, or larger than any reading.
+
+    Raises:
+        RecordingError: with its row and column.
+    """
+    for name, values in table.columns.items():
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            what = "an empty cell or NaN" if np.isnan(values[row]) else "infinity"
+            raise table.refuse(f"{what} instead of a number; cut it out or record again", row=row, column=name)
+        if len(values) and (size := np.abs(values)).max() > LARGEST:
+            row = int(size.argmax())
+            raise table.refuse(f"{values[row]:.3g} is no measurement; cut it out or record again", row=row, column=name)
+
+
+def check_marks(table: Table, run: dict[str, np.ndarray], rows: np.ndarray, units: Units) -> None:
+    """Refuse marks of missing values, such as -999, that stand far off all else in a column of a run.
+
+    Args:
+        table: The file.
+        run: Columns of the run, in the units that are kept, single wrong readings replaced.
+        rows: Rows of the run in the file.
+        units: Units of the file.
+
+    Raises:
+        RecordingError: with the first row, and the column.
+    """
+    for name in (name for name in ("q", "qd", "current", "torque") if name in table.columns):
+        for mark in (sign * mark for mark in _MARKS for sign in (-1.0, 1.0)):
+            raw = table.columns[name][rows]
+            at = (raw == mark) & np.isclose(run[name], units.convert(name, raw))
+            if at.any() and np.abs(raw[~at]).max(initial=0.0) * _BEYOND < abs(mark) and not at.all():
+                raise table.refuse(
+                    f"{mark:g} in {int(at.sum())} rows, far off all others, as programs write where nothing was read; "
+                    "cut these rows out or record again",
+                    row=int(rows[at.argmax()]),
+                    column=name,
+                )
+        for period in (2.0**bits for bits in _WORDS):
+            raw = table.columns[name][rows] / period
+            high = raw > 0.5
+            if name != "q" and raw.min() >= 0.0 and raw.max() < 1.0 and high.any() and np.abs(raw - 0.5).min() > 0.25:
+                raise table.refuse(
+                    f"{int(high.sum())} values are near {period:.0f}, all others near 0, as where a program reads "
+                    f"negative numbers without their sign; subtract {period:.0f} from those above {0.5 * period:.0f}",
+                    row=int(rows[high.argmax()]),
+                    column=name,
+                )
+
+
+def held_channels(label: str, run: dict[str, np.ndarray]) -> list[Repair]:
+    """Notes on channels of a run that change every second sample, or third, ... only."""
+    found = []
+    for name in (name for name in ("q", "qd", "torque") if name in run):
+        size = np.abs(np.diff(run[name]))
+        long, size = np.diff(np.flatnonzero(size)), size[size > 0.0]
+        every = int(np.median(long)) if len(long) >= _HELD else 1
+        # an encoder whose counts come at even times changes by one count
+        if every > 1 and np.mean(long == every) > _ALWAYS and np.ptp(size) > 0.5 * size.max():
+            period = every * float(np.median(np.diff(run["t"])))
+            text = (
+                f"{name} changes every {every} samples only, as where it is read at {1.0 / period:.3g} Hz and held: it "
+                f"comes {500.0 * (period - period / every):.2g} ms late on average, which may pass for a lag of its "
+                "sensor; log it at its own rate"
+            )
+            found.append(Repair(trajectory=label, kind="held", count=len(run[name]), text=text))
+    return found
+
+
+def without_marks(label: str, run: dict[str, np.ndarray]) -> list[Repair]:
+    """Replace temperatures of a run that are none, or take the column away where all are; notes on them."""
+    if "temperature" not in run:
+        return []
+    x = run["temperature"]
+    wrong = (x < _COLD) | (x > _HOT)
+    known = x[~wrong & (x != _POWER_UP)]
+    first = int(np.argmax(x != _POWER_UP))  # readings before the first one
+    if first and len(known) and abs(known[0] - _POWER_UP) > np.ptp(known):
+        wrong[:first] = True
+    if not wrong.any():
+        return []
+    reads, count = f"the temperature reads {x[wrong.argmax()]:g} degC in {int(wrong.sum())} of {len(x)} samples", len(x)
+    if wrong.all():
+        run.pop("temperature")
+        text = f"{reads}, as where a sensor is not connected: the column is left out"
+        return [Repair(trajectory=label, kind="left_out", count=count, text=text)]
+    run["temperature"] = np.interp(np.arange(count), np.flatnonzero(~wrong), x[~wrong])
+    at, text = tuple(float(t) for t in run["t"][wrong][:10]), f"{reads}, as a sensor that does not answer: "
+    text += f"those next to them take their place (first at {at[0]:.4g} s)"
+    return [Repair(trajectory=label, kind="replaced", count=int(wrong.sum()), at=at, text=text)]
+
+
+def check_units(table: Table, parts: list[Trajectory], units: Units, turned: bool) -> None:
+    """Refuse values that are clearly in another unit, where none was declared, and columns in two units.
+
+    ``turned`` says whether the angle was unwrapped.
+
+    Raises:
+        RecordingError: with the column, the likely unit, and how to declare it.
+    """
+    largest = {
+        "q": max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts),
+        "current": max(float(np.abs(part.current).max()) for part in parts),
+        "torque": max(float(np.abs(part.torque).max()) for part in parts),
+    }
+    if turned or "q" not in table.columns or max(map(turns, parts)) > TURNS:
+        largest.pop("q")  # a rotation: no joint is driven that far, in degrees either, without a turn back
+    for key in largest.keys() - units.given:
+        likely, more = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1], ""
+        if key == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all():
+            more = f', or, if these are encoder counts, {{"q": "counts", "{next(iter(PER))}": ...}}'
+        below, other = _OR.get(likely, (0.0, ""))
+        more += f" (or {other})" if largest[key] <= below else ""
+        remedy = f'convert them, or declare the unit in units.json next to the file: {{"{key}": "{likely}"}}{more}'
+        check_plausible(table, key, largest[key], units.base(key), remedy)
+    if units.base("q") != "rad":
+        return
+    for part in parts:
+        ratio = derivative_ratio(part)
+        unit, key = next((x[2:] for x in _MIXED if 1.0 / x[1] < ratio / x[0] < x[1]), ("", ""))
+        if part.qd_derived or not key or _agreement(part) < _SIMILAR:  # columns of another kind are no other unit
+            continue
+        other, declared = ("qd" if key == "q" else "q"), {"q": "rad", "qd": "rad/s", key: unit}
+        raise table.refuse(
+            f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
+            f"radians; convert it, or declare it in units.json next to the file: {json.dumps(declared)}",
+            column=key,
+        )
+
+
+def check_plausible(table: Table, key: str, largest: float, unit: str, remedy: str) -> None:
+    """Refuse a column whose largest value no device of this kind reaches.
+
+    Raises:
+        RecordingError: with the column and the remedy.
+    """
+    limit, likely = _PLAUSIBLE.get(unit, (np.inf, ""))  # what else a control input may be in has no limit
+    if largest > limit:
+        what = "away from their median" if key == "q" else "in size"
+        raise table.refuse(
+            f"values up to {largest:.4g} {unit} {what} look like {likely}; {remedy} (if they really are {unit}: "
+            '{"trust_units": true})',
+            column=key,
+        )
+
+
+def turns(part: Trajectory) -> float:
+    """How often a trajectory goes round without turning back; 0 where it does turn back."""
+    path, way = float(np.abs(np.diff(part.q)).sum()), abs(float(part.q[-1] - part.q[0]))
+    return way / (2.0 * np.pi) if way > 0.9 * path else 0.0
+
+
+def _agreement(part: Trajectory) -> float:
+    """Correlation of dq/dt with the trajectory's qd."""
+    derived = differentiate(part.q, part.dt)
+    return float(derived @ part.qd / max(np.linalg.norm(derived) * np.linalg.norm(part.qd), 1e-300))
+
+
+def derivative_ratio(part: Trajectory) -> float:
+    """RMS of dq/dt over RMS of the trajectory's qd; 1 where either rests."""
+    derived = differentiate(part.q, part.dt)
+    own, other = float(np.sqrt(np.mean(part.qd**2))), float(np.sqrt(np.mean(derived**2)))
+    return other / own if own > 1e-9 and other > 1e-9 else 1.0
