@@ -20,8 +20,9 @@ _MOST_OF_ONE = 0.5
 
 _STUCK_SAMPLES, _STUCK_SECONDS, _STUCK_TIMES = 20, 0.05, 3
 """Fewest equal samples, and shortest time [s], of a reading that is stuck, and how often that is in a run at most."""
-_STUCK_WAY, _STUCK_ELSE = 0.02, 0.05
-"""Part of the run's range that the joint moves in that time at least; share of equal neighbours elsewhere at most."""
+_STUCK_WAY, _STUCK_ELSE, _USUAL = 0.02, 0.05, 95.0
+"""Part of the run's range that the joint moves in that time at least; share of equal neighbours elsewhere at most;
+percentile of the changes from sample to sample that the one after it exceeds."""
 
 _BEFORE, _AFTER = 1, 4
 """Samples set aside around each: a sensor leaves its limit late, and noise is judged by what came just before."""
@@ -38,6 +39,8 @@ def at_limit(x: np.ndarray) -> float:
 def stuck(x: np.ndarray, q: np.ndarray, dt: float) -> np.ndarray:
     """Samples that only repeat the one before, for long and seldom, while the joint moves, bool, shape (N,).
 
+    What follows them is a jump: what stands at an end of its range goes on from there.
+
     Args:
         x: A torque, shape (N,), that changes from most samples to the next.
         q: Angle or displacement, shape (N,).
@@ -48,7 +51,9 @@ def stuck(x: np.ndarray, q: np.ndarray, dt: float) -> np.ndarray:
     begins, ends = edges[::2], edges[1::2]
     long = np.flatnonzero(ends - begins >= max(_STUCK_SAMPLES, _STUCK_SECONDS / dt))
     found = [slice(a + 1, b + 1) for a, b in zip(begins[long], ends[long], strict=True)]
+    usual = float(np.percentile(np.abs(np.diff(x)), _USUAL)) if len(found) else 0.0
     found = [at for at in found if np.ptp(q[at]) > _STUCK_WAY * np.ptp(q)]
+    found = [at for at in found if np.abs(np.diff(x[at.stop - 1 : at.stop + 1])).sum() > usual]
     for at in found:
         out[at] = True
     seldom = len(found) <= _STUCK_TIMES and same[~out[1:]].sum() < _STUCK_ELSE * np.count_nonzero(~out)

@@ -100,6 +100,9 @@ def test_what_a_torque_repeats_by_itself_is_no_stuck_reading() -> None:
     assert stuck(np.where((t > 3.0) & (t < 4.0), 0.7, noisy), q, 0.005).sum() == 198
     rest = np.where((t > 3.0) & (t < 4.0), q[600], q)
     assert not stuck(np.where((t > 3.0) & (t < 4.0), 0.7, noisy), rest, 0.005).any()
+    swing = 2.0 * np.cos(np.pi * t) + 0.001 * rng.normal(size=2000)
+    ends = np.where(t < 3.0, np.minimum(swing, 1.9), swing)  # at an end of its range, from where it goes on
+    assert not stuck(ends, q, 0.005).any()
     coarse, plateaus = np.round(noisy, 1), np.tanh(40.0 * np.cos(np.pi * t))
     for torque in (coarse, plateaus, np.round(noisy, 3), np.zeros(2000)):
         assert not stuck(torque, q, 0.005).any()
