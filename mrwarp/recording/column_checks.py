@@ -39,7 +39,7 @@ _MIXED = (
 the last two half-way between them, in logarithms), that unit and its column."""
 
 _MARKS = (999.0, 9999.0, 99999.0)
-"""What programs write, with either sign, where nothing was read."""
+"""Marks that programs write, with either sign, where nothing was read."""
 _BEYOND = 3.0
 """Least size of such a mark over all else in its column: nothing is near it."""
 _SIMILAR = 0.5
@@ -51,7 +51,7 @@ _HELD, _ALWAYS = 50, 0.9
 _COLD, _HOT = -100.0, 300.0
 """Temperatures [degC] that no bench has: -127 of a sensor that does not answer, 850 of an open wire, any mark."""
 _POWER_UP = 85.0
-"""What a common digital thermometer (DS18B20) gives before its first reading [degC]."""
+"""Value that a common digital thermometer (DS18B20) gives before its first reading [degC]."""
 
 
 def check_finite(table: Table) -> None:

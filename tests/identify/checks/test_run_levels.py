@@ -31,7 +31,7 @@ def test_a_level_that_differs_between_runs_is_named_where_nobody_knows_their_ord
 
 @pytest.mark.parametrize("recording", [GOOD, with_factors(1.0 - 0.02 * np.arange(6))], ids=["none", "a tenth"])
 def test_runs_of_about_one_level_have_no_note(recording: Recording) -> None:
-    """What differs by less than a quarter is left to the noise of the runs."""
+    """Differences of less than a quarter are left to the noise of the runs."""
     assert not levels_without_clock(recording)
 
 
