@@ -43,7 +43,7 @@ class ElectricalCfg(ParamGroup):
     """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not each of the two."""
 
     electronics: float = param(
-        32.4,
+        34.0,
         "W",
         0.0,
         200.0,
@@ -51,7 +51,7 @@ class ElectricalCfg(ParamGroup):
         "Computers, sensors and drives while the motors give no torque.",
     )
     winding_resistance: float = param(
-        0.277,
+        0.256,
         "Ohm",
         0.0,
         2.0,
@@ -60,7 +60,7 @@ class ElectricalCfg(ParamGroup):
         "Phase resistance of a motor with its drive, as if all that grows with torque squared were copper loss.",
     )
     drive_friction: float = param(
-        3.03,
+        1.75,
         "N·m",
         0.0,
         10.0,
@@ -229,7 +229,7 @@ class BatteryCfg(ParamGroup):
     """Numbers of the battery."""
 
     capacity: float = param(
-        104.6,
+        109.2,
         "W·h",
         1.0,
         1e4,

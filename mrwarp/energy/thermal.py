@@ -32,7 +32,7 @@ class ThermalCfg(ParamGroup):
         1.25, "K/W", 1e-3, 1e3, "Mini Cheetah's public motor code", "From winding to housing, R_wh."
     )
     housing_capacity: float = param(
-        1077.0,
+        1170.0,
         "J/K",
         1.0,
         1e5,
@@ -40,7 +40,7 @@ class ThermalCfg(ParamGroup):
         "Heat capacity C_h of the housing and what warms up with it; the motor alone, 0.53 kg, has about 300.",
     )
     housing_resistance: float = param(
-        4.106,
+        7.436,
         "K/W",
         1e-3,
         1e6,

@@ -429,7 +429,11 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     ),
     "table2_unseen": _studies("policies", ("new seeds", "study table2 unseen")),
     "causes": _causes,
-    "quality": _quality(("explicit torque", "study quality study"), ("brake", "study quality study_brake")),
+    "quality": _quality(
+        ("explicit torque", "study quality study"),
+        ("brake", "study quality study_brake"),
+        ("price on power", "study quality energy"),
+    ),
     "fig4_strengths": _strengths,
     "table3": _rows_table("table3"),
     "table4": _rows_table("table4"),

@@ -65,9 +65,9 @@ held is the policy's choice, which commands no current where it wants none. Thos
 latch of a commanded gate, at the current of ``fixed``: what ``learned`` saves against it is the command's alone."""
 
 SETTLING = 256, 750
-"""Environments and updates of the last step in which ``policies/energy`` were trained, with :data:`LEARNING` and the
-price ``plan.POWER_PRICE``. It also makes what an arm begins with where no policy of MR_Go-SAL with devices that stick
-is shipped (seeds 3 and 4), from the shipped one of that seed with the paper's explicit torque."""
+"""Environments and updates of the last step in which MR_Go-SAL's policies with devices that stick were trained, with
+:data:`LEARNING` and the price ``plan.POWER_PRICE``. It also makes what an arm begins with where none of these is
+shipped (seeds 3 and 4), from the shipped one of that seed with the paper's explicit torque."""
 
 LEARNING = PpoCfg(desired_kl=0.01, entropy=0.0005, symmetry=False)
 """How fast networks learn: a step that settles a gait."""
