@@ -97,7 +97,7 @@ def choose_law(
     small = motion.stretches(limit, problem.settings.effort.runs)
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
-    with_effects = [e for e in OF_PUBLISHED_LAWS if search.levels > 1 and e not in problem.impossible]
+    with_effects = [e for e in OF_PUBLISHED_LAWS["term"] if search.levels > 1 and e not in problem.impossible]
     shown = [c.effect for c in screened if base.total - c.total > threshold(problem, base)]
     inertia = [effect for effect in shown if KNOWN[effect].inertial]
     count, spread = float(search.weight.sum()), float(small.torque.std()) or 1.0

@@ -54,8 +54,11 @@ HYSTERESIS: dict[str, EffectLaw] = {
 }
 """Laws that can stand in place of eq. 15, by name; at most one does."""
 
-OF_PUBLISHED_LAWS = tuple(name for name, law in CATALOGUE.items() if law.of_published_laws)
-"""Effects that these have as further terms."""
+OF_PUBLISHED_LAWS: dict[str, tuple[str, ...]] = {
+    part: tuple(name for name, law in CATALOGUE.items() if law.of_published_laws == part)
+    for part in ("term", "saturation", "direction")
+}
+"""Effects that these have, by their part in them."""
 
 KNOWN: dict[str, EffectLaw] = CATALOGUE | HYSTERESIS
 """Effects and laws: all that a row of values holds."""

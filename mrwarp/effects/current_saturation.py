@@ -39,5 +39,6 @@ LAW = EffectLaw(
     depends_on=("current",),
     remedy="more steel in the flux path",
     needs="field",
+    of_published_laws="saturation",
     unseen="too few levels of current",
 )

@@ -29,5 +29,5 @@ LAW = EffectLaw(
     remedy="none needed; it belongs to the fluid",
     needs="field",
     unseen="too few levels of current",
-    of_published_laws=True,
+    of_published_laws="term",
 )

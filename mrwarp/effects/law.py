@@ -280,8 +280,9 @@ class EffectLaw:
     in_place_of: str = ""
     """Parameter of eq. 14 whose place it takes where the data exclude that one. Like a term of eq. 14 it comes before
     the other effects, stays next to them, and free functions do not replace it."""
-    of_published_laws: bool = False
-    """Whether published hysteresis laws have it as a further term over the control input."""
+    of_published_laws: Literal["", "term", "saturation", "direction"] = ""
+    """Part that it has in published hysteresis laws: a further term over the control input; that input's saturation,
+    where trajectories are predicted better with it; or what moves their means by direction, where nothing else does."""
     contains: str = ""
     """Effect that it is itself, with one number more, where that number lies beyond what the data cover: then it is an
     alternative to that one only where it predicts better."""

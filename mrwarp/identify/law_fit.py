@@ -226,7 +226,7 @@ def fit_law(
     scales, runs, decides = motion.scales, recording.trajectories, Law()
     centres = [0.0, float(np.median([0.5 * (run.q.min() + run.q.max()) for run in runs]))]
     levels = len(np.unique(np.round(motion.current, 2)))
-    with_effects = OF_PUBLISHED_LAWS if levels > 1 else ()
+    with_effects = OF_PUBLISHED_LAWS["term"] if levels > 1 else ()
     log(f"{HYSTERESIS[name].title}: starts")
     fits = [
         law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, limit=Effort().samples, effects=with_effects)
@@ -237,7 +237,7 @@ def fit_law(
     search = LawSearch(EffectReplay(motion), centre / scales.q, offsets=len(runs) > 1)
     if levels > 2:
         log("saturation over the control input")
-        grown = search.layout([*best.layout.effects, "current_saturation"])
+        grown = search.layout([*best.layout.effects, *OF_PUBLISHED_LAWS["saturation"]])
         bent = search.descend(grown, best.layout.grown(best.x, grown.effects))
         if bent.held_out.sum() < (1.0 - decides.simpler) * best.held_out.sum():
             best = bent
@@ -309,7 +309,7 @@ def one_zero(found: Solution, replay: EffectReplay, moved: float) -> Solution:
     shared = search.descend(found.layout, found.x)
     if not zeros_moved(found, shared, moved):
         return shared
-    layout = search.layout([*found.layout.effects, "friction_asymmetry"])
+    layout = search.layout([*found.layout.effects, *OF_PUBLISHED_LAWS["direction"]])
     directed = search.descend(layout, found.layout.grown(shared.x, layout.effects))
     return directed if zeros_moved(directed, shared, moved) else shared
 

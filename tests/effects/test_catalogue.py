@@ -128,7 +128,11 @@ def test_every_file_of_a_law_is_listed_once() -> None:
 
 def test_the_method_knows_no_effect_by_its_name() -> None:
     """Effects themselves declare which others they stand in for, and which hide them."""
-    method = [path for room in ("diagnose", "sysid") for path in (Path(mrwarp.__file__).parent / room).rglob("*.py")]
+    method = [
+        path
+        for room in ("diagnose", "identify", "sysid")
+        for path in (Path(mrwarp.__file__).parent / room).rglob("*.py")
+    ]
     found = set()
     for path in method:
         nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
