@@ -209,7 +209,7 @@ def test_the_verdict_takes_the_place_of_the_first_answer(
     """At the end it is one file again, and final."""
     written: list[bool] = []
     monkeypatch.setattr(
-        "mrwarp.diagnose.result.write_result",
+        "mrwarp.sysid.verdict.write_result",
         lambda out, figures, **known: written.append(figures["final"]) or write_result(out, figures, **known),
     )
     monkeypatch.setattr(overview_pictures, "draw", lambda d: ({}, []))
