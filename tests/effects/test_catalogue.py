@@ -77,8 +77,9 @@ def test_parameters_have_unit_bounds_and_null(name: str) -> None:
             assert p.allows(p.preset(RANGES)) and low <= p.preset(RANGES) <= high
         if p.choices:
             assert p.null in p.choices and p.starts is None and p.preset is None
+            assert not p.form or low <= min(p.choices) < max(p.choices) <= high, "the reported fit has what is between"
         if p.form:
-            assert p.starts is None and p.preset is None and not p.choices and p is not law.parameters[0]
+            assert p.starts is None and p.preset is None and p is not law.parameters[0]
         assert low <= p.null <= high or (p.null == 0.0 and p.starts is not None and not p.negative)
 
 
