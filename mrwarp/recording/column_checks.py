@@ -71,7 +71,7 @@ def check_finite(table: Table) -> None:
 
 
 def check_marks(table: Table, run: dict[str, np.ndarray], rows: np.ndarray, units: Units) -> None:
-    """Refuse marks of missing values, such as -999, that stand far off all else in a column of a run.
+    """Refuse marks of missing values, such as -999, far off all else in a column of a run, and numbers without a sign.
 
     Args:
         table: The file.
@@ -83,9 +83,10 @@ def check_marks(table: Table, run: dict[str, np.ndarray], rows: np.ndarray, unit
         RecordingError: with the first row, and the column.
     """
     for name in (name for name in ("q", "qd", "current", "torque") if name in table.columns):
+        raw = table.columns[name][rows]
+        kept = np.isclose(run[name], units.convert(name, raw))
         for mark in (sign * mark for mark in _MARKS for sign in (-1.0, 1.0)):
-            raw = table.columns[name][rows]
-            at = (raw == mark) & np.isclose(run[name], units.convert(name, raw))
+            at = (raw == mark) & kept
             if at.any() and np.abs(raw[~at]).max(initial=0.0) * _BEYOND < abs(mark) and not at.all():
                 raise table.refuse(
                     f"{mark:g} in {int(at.sum())} rows, far off all others, as programs write where nothing was read; "
@@ -94,9 +95,15 @@ def check_marks(table: Table, run: dict[str, np.ndarray], rows: np.ndarray, unit
                     column=name,
                 )
         for period in (2.0**bits for bits in _WORDS):
-            raw = table.columns[name][rows] / period
-            high = raw > 0.5
-            if name != "q" and raw.min() >= 0.0 and raw.max() < 1.0 and high.any() and np.abs(raw - 0.5).min() > 0.25:
+            part = raw / period
+            high = part > 0.5
+            if (
+                name != "q"
+                and part.min() >= 0.0
+                and part.max() < 1.0
+                and high.any()
+                and np.abs(part - 0.5).min() > 0.25
+            ):
                 raise table.refuse(
                     f"{int(high.sum())} values are near {period:.0f}, all others near 0, as where a program reads "
                     f"negative numbers without their sign; subtract {period:.0f} from those above {0.5 * period:.0f}",

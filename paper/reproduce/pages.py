@@ -333,26 +333,24 @@ QUALITY = {
 """Figures of the table of rules, with their titles and digits."""
 
 
-def _quality(*names: tuple[str, str]) -> Callable[[Results], str]:
-    """Policies of several folders, each with its title: largest figures of each plant, and what breaks a rule."""
+RATED = {"study": "explicit torque", "study_brake": "brake", "energy": "price on power"}
+"""Folders of the policies in that table, and what they are called there."""
 
-    def block(found: Results) -> str:
-        lines = []
-        for title, name in names:
-            if name not in found.parts:
-                return f"*Not among the committed figures: {name}.*"
-            policies = found.parts[name]["study"]["policies"]
-            for plant in dict.fromkeys(row["plant"] for row in policies):
-                rows = [row for row in policies if row["plant"] == plant]
-                worst = [
-                    _number(max(abs(row[figure]) for row in rows), digits) for figure, (_, digits) in QUALITY.items()
-                ]
-                faults = [f"seed {row['seed']}: {', '.join(row['broken'])}" for row in rows if row["broken"]]
-                kept = sum(not row["broken"] for row in rows)
-                lines.append([f"{plant}, {title}", *worst, f"{kept} of {len(rows)}", "; ".join(faults)])
-        return _table(["plant", *(title for title, _ in QUALITY.values()), "keep all rules", "broken"], lines)
 
-    return block
+def _quality(found: Results) -> str:
+    """Largest figures of each plant's policies, and what breaks a rule."""
+    lines = []
+    for folder, title in RATED.items():
+        if (name := f"study quality {folder}") not in found.parts:
+            return f"*Not among the committed figures: {name}.*"
+        policies = found.parts[name]["study"]["policies"]
+        for plant in dict.fromkeys(row["plant"] for row in policies):
+            rows = [row for row in policies if row["plant"] == plant]
+            worst = [_number(max(abs(row[figure]) for row in rows), digits) for figure, (_, digits) in QUALITY.items()]
+            faults = [f"seed {row['seed']}: {', '.join(row['broken'])}" for row in rows if row["broken"]]
+            kept = sum(not row["broken"] for row in rows)
+            lines.append([f"{plant}, {title}", *worst, f"{kept} of {len(rows)}", "; ".join(faults)])
+    return _table(["plant", *(title for title, _ in QUALITY.values()), "keep all rules", "broken"], lines)
 
 
 CAUSES = (
@@ -429,11 +427,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     ),
     "table2_unseen": _studies("policies", ("new seeds", "study table2 unseen")),
     "causes": _causes,
-    "quality": _quality(
-        ("explicit torque", "study quality study"),
-        ("brake", "study quality study_brake"),
-        ("price on power", "study quality energy"),
-    ),
+    "quality": _quality,
     "fig4_strengths": _strengths,
     "table3": _rows_table("table3"),
     "table4": _rows_table("table4"),
