@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.recording.data import UNITS, RecordingError
+from mrwarp.recording.units import CONVERSIONS
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 """File types that are recordings."""
@@ -31,8 +32,6 @@ EMPTY = frozenset(("", "#N/A", "NA", "N/A", "n/a", "NULL", "null", "None", "nan"
 
 _ALIKE = 20
 """Fewest lines by which the last one is judged."""
-_PLAIN = {"torque": "Nm", "temperature": "°C"}
-"""Other spellings of units that need no declaration."""
 _UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 """A unit in brackets."""
 _LAST_NUMBER = re.compile(r"\.(\d*)(?:[eE][-+]?\d+)?\s*$")
@@ -322,18 +321,25 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
 def _renames(names: list[str], missing: list[str]) -> str:
     """Names for columns that are there by another one, and the units that stand in it."""
     near = {name: found[0] for name in (*missing, "qd") if name not in names and (found := _near(names, name))}
-    said = {name: _UNIT.search(old) for name, old in near.items()}
-    units = {
-        name: found[1] for name, found in said.items() if found and found[1] not in (UNITS[name], _PLAIN.get(name))
-    }
+    said = {name: unit for name, old in near.items() if (unit := _unit_in(old, name))}
+    units = {name: unit for name, unit in said.items() if CONVERSIONS[name].get(unit) != (1.0, UNITS[name])}
     hint = "rename " + ", ".join(f"{old!r} to {name!r}" for name, old in near.items())
     return hint + (f", and declare {json.dumps(units, ensure_ascii=False)} in units.json" if units else "")
 
 
 def _near(names: list[str], name: str) -> list[str]:
-    """Columns that are likely meant by a name; a unit in brackets or a joint's number may follow it."""
-    plain = {each: re.sub(r"\s*[\[(].*|[\s_]*\d+$", "", each.lower()) for each in names}
+    """Columns that are likely meant by a name; its unit, in brackets or not, or a joint's number may follow it."""
+    units = {each: _unit_in(each, name) for each in names}
+    bare = {each: each.removesuffix(unit) if unit else each for each, unit in units.items()}
+    plain = {each: re.sub(r"\s*[\[(].*|[\s_]*\d*$", "", text.lower()) for each, text in bare.items()}
     return [each for each, text in plain.items() if text in (name, *_ALIASES[name])]
+
+
+def _unit_in(column: str, name: str) -> str:
+    """The unit in a column's name, in brackets or as its last word (``angle_deg``); empty where there is none."""
+    last = re.split(r"[_\s]", column)[-1]
+    found = _UNIT.search(column)
+    return found[1] if found else last if last != column and last in CONVERSIONS[name] else ""
 
 
 def _with_columns(table: Table, content: Any) -> Table:

@@ -18,7 +18,7 @@ from mrwarp.recording.data import DEGREES, NO_INPUT, UNITS, RecordingError
 _RAD, _TURN, _NM = 1.0 / DEGREES, 2.0 * np.pi, "N·m"
 _KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
 """A kilogram's and a pound's weight [N] and an inch [m], as they are defined."""
-_CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
+CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
     "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), **dict.fromkeys(("us", "µs", "μs"), (1e-6, "s")), "ns": (1e-9, "s")},
     "q": {
         "rad": (1.0, "rad"),
@@ -125,7 +125,7 @@ class Units:
         unit = self.declared[key]
         if self.count and unit in ("counts", "counts/s"):
             return self.count[0], self.count[1] + unit.removeprefix("counts")
-        return _CONVERSIONS[key].get(unit, (1.0, unit))
+        return CONVERSIONS[key].get(unit, (1.0, unit))
 
     def base(self, key: str) -> str:
         """Unit that the values have after :meth:`convert`."""
@@ -166,8 +166,8 @@ def read_units(folder: Path) -> Units:
         raise RecordingError(f"{path}: trust_units = {trusted!r} must be true or false")
     count = _count(path, declared)
     for key, unit in declared.items():
-        if key not in _CONVERSIONS:
-            raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(_CONVERSIONS)}")
+        if key not in CONVERSIONS:
+            raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(CONVERSIONS)}")
         if key in ("q", "qd") and count and unit == ("counts" if key == "q" else "counts/s"):
             continue
         declared[key] = _known_unit(path, key, unit, trusted)
@@ -189,7 +189,7 @@ def read_units(folder: Path) -> Units:
 
 def _known_unit(path: Path, key: str, unit: Any, trusted: bool) -> str:
     """A declared unit; one that is not known is refused, of the control input where it is nearly a known one."""
-    known = _CONVERSIONS[key]
+    known = CONVERSIONS[key]
     if isinstance(unit, str) and unit in known:
         return unit
     near = _near(unit, _CONTROL if key == "current" else known) if isinstance(unit, str) else []

@@ -171,7 +171,11 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     ),
     "units in names": (
         _text_edit(lambda x: ["Zeit [s],Winkel [deg],qd,Strom (mA),torque", *x[1:]]),
-        ("'t' is missing", "rename 'Zeit [s]' to 't'"),
+        ("'t' is missing", "rename 'Zeit [s]' to 't'", '{"q": "deg", "current": "mA"}'),
+    ),
+    "units behind names": (
+        _text_edit(lambda x: ["time_ms,angle_deg,qd,coil_current_mA,torque_Nm", *x[1:]]),
+        ("rename 'time_ms' to 't', 'angle_deg' to 'q', 'coil_current_mA'", '{"t": "ms", "q": "deg", "current": "mA"}'),
     ),
     "milliseconds": (_edited(t=lambda x: 1e3 * x), ("'t'", "look like milliseconds")),
     "empty file": (_bytes("bad.csv", b""), ("the file is empty",)),
