@@ -18,10 +18,10 @@ from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size, without_effect
-from mrwarp.diagnose.residual_structure import LAG, Leftover, Line
+from mrwarp.diagnose.residual_structure import LAG, Leftover, Line, drift_of_zero
 from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces, Tried
 from mrwarp.diagnose.search import Selection
-from mrwarp.diagnose.verdict_text import sentence_of
+from mrwarp.diagnose.verdict_text import measured, sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import MOVING, Motion, rms
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of
@@ -317,6 +317,15 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
         notes.append(
             f"the motion was smoothed {motion.kinematics.smoothing:g} times as much as the angle asks for: the torque "
             "shows that what was quicker in its acceleration is noise"
+        )
+    error = found.problem.measured - found.held_out.predicted_extended
+    moved, shares = drift_of_zero(motion, error, found.problem.weight)
+    if np.median(shares) > found.problem.settings.faults.drift:
+        size = measured(float(np.median(np.abs(moved))) * motion.scales.torque, found.problem.units["torque"])
+        notes.append(
+            f"{100 * np.median(shares):.0f} % of what is missed in a trajectory is a straight line in time, {size} "
+            f"from its begin to its end (up in {(moved > 0.0).sum()} of {len(moved)}): the zero of the torque sensor "
+            "drifts; let it warm up and set it to zero before each run"
         )
     if motion.ahead:
         milliseconds = 1e3 * motion.ahead * motion.ranges.dt

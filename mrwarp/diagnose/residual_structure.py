@@ -81,6 +81,28 @@ def leftovers(problem: Problem, fit: Fit) -> list[Leftover]:
     return sorted(found, key=lambda f: -f.gain)
 
 
+def drift_of_zero(motion: Motion, error: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A straight line in time through what a model misses of each trajectory.
+
+    Args:
+        motion: T trajectories.
+        error: Measured minus predicted torque, shape (N,).
+        weight: Of each sample, shape (N,); samples of weight 0 do not count.
+
+    Returns:
+        Change of the error from a trajectory's begin to its end, and the share of the error's variance that the line
+        takes, both of shape (T,); 0 where nothing counts.
+    """
+    found = np.zeros((2, len(motion.parts)))
+    for k, part in enumerate(motion.parts):
+        counts = weight[part] > 0.0
+        if counts.any() and (power := error[part][counts].var()):
+            time = motion.time[part]
+            slope, _ = np.polyfit(time[counts], error[part][counts], 1)
+            found[:, k] = slope * np.ptp(time), slope**2 * time[counts].var() / power
+    return found[0], found[1]
+
+
 def groups_along(problem: Problem, fit: Fit) -> list[Group]:
     """Groups of functions along the hysteresis of a model."""
     rows = np.stack([fit.row] * 3)

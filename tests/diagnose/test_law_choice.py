@@ -1,6 +1,7 @@
 """The law is asked before effects: a foreign device gets its law, the paper's device keeps eq. 14."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -60,18 +61,33 @@ def test_a_gap_parts_the_moved_zeros() -> None:
     assert len(even.moved(0.3)) == 8
 
 
-def _motor(inertia: float, friction: float, spikes: float) -> Recording:
-    """A motor with inertia, dry and viscous friction on sines of 0.2 and of 2 to 3 Hz, a few samples off by newtons."""
+def _motor(inertia: float, friction: float, spikes: float, drift: float = 0.0) -> Recording:
+    """A motor with inertia, dry and viscous friction on sines of 0.2 and of 2 to 3 Hz, a few samples off by newtons.
+
+    The zero of its torque moves by ``drift`` within each run.
+    """
     rng, dt, found = np.random.default_rng(12), 0.002, []
     for k, (rate, seconds) in enumerate(((0.2, 6.0), (0.2, 6.0), (3.0, 2.0), (2.5, 2.0), (3.0, 1.0), (2.0, 1.5))):
         t, w = np.arange(round(seconds / dt)) * dt, 2.0 * np.pi * rate
         q, qd, qdd = 0.35 * np.sin(w * t), 0.35 * w * np.cos(w * t), -0.35 * w**2 * np.sin(w * t)
         torque = inertia * qdd + friction * np.tanh(qd / 0.02) + 0.16 * friction * qd
-        torque += 0.1 * friction * rng.normal(size=len(t))
+        torque += 0.1 * friction * rng.normal(size=len(t)) + drift * t / seconds
         where = rng.random(len(t)) < spikes
         torque[where] += rng.uniform(3.0, 25.0, where.sum()) * friction * rng.choice([-1.0, 1.0], where.sum())
         found.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, current=0.0 * t, torque=torque))
     return Recording(trajectories=tuple(found), units={"q": "rad", "current": "none", "torque": "N·m"})
+
+
+@pytest.mark.slow
+def test_a_zero_that_drifts_within_runs_is_noted() -> None:
+    """It is no cause of the joint; the note gives its size, to a tenth on a few periods, and there is none without."""
+    effects = ("rotor_inertia", "coulomb_friction")
+    for drift in (0.0, 0.6):
+        found = diagnose(_motor(0.021, 0.7, 0.0, drift), effects=effects)
+        notes = [text for text in found.notes if "drifts" in text]
+        assert bool(notes) == bool(drift)
+    size = re.search(r"line in time, (\S+) N·m from its begin to its end \(up in 6 of 6\)", notes[0])
+    assert size is not None and float(size[1]) == pytest.approx(0.6, rel=0.1)
 
 
 @pytest.mark.slow

@@ -9,7 +9,15 @@ import pytest
 from scipy.signal import lfilter
 
 from mrwarp.diagnose.problem import threshold
-from mrwarp.diagnose.residual_structure import Group, Line, find_line, leftovers, make_groups, without_line
+from mrwarp.diagnose.residual_structure import (
+    Group,
+    Line,
+    drift_of_zero,
+    find_line,
+    leftovers,
+    make_groups,
+    without_line,
+)
 from mrwarp.identify.dataset import Dataset, Motion, Scales
 from mrwarp.sysid.settings import Settings
 from tests.diagnose import known
@@ -33,6 +41,25 @@ def test_groups_are_finite_named_and_not_constant() -> None:
         assert group.rows.shape[1] == len(motion.q) and len(group.rows)
         assert np.isfinite(group.rows).all() and (group.rows.std(axis=1) > 0.0).all()
     assert {name for g in found for name in g.variables} == WORDS
+
+
+def test_a_zero_that_drifts_is_a_line_in_time() -> None:
+    """Its size and its share are those of the line; samples that do not count, and the runs' own zeros, do not act."""
+    motion = known.motion(2, runs=3, seconds=4.0)
+    noise = np.random.default_rng(0).normal(scale=0.01, size=len(motion.q))
+    ramp = np.tile(np.linspace(-0.5, 0.5, len(motion.q) // 3), 3)
+    weight = np.ones(len(motion.q))
+    weight[::7], weight[: motion.start[1]] = 0.0, 0.0
+    error = (
+        noise + np.repeat([0.0, 0.3, -0.2], np.diff(motion.start)) * ramp + np.repeat([1.0, -2.0, 0.5], len(ramp) // 3)
+    )
+    error[::7] = 9.0
+    moved, shares = drift_of_zero(motion, error, weight)
+    five = 5.0 * 0.01 * np.sqrt(12.0 / (len(ramp) / 3.0 * 6.0 / 7.0))  # standard errors of a line's two ends
+    assert moved == pytest.approx([0.0, 0.3, -0.2], abs=five)
+    line = np.array([0.3, 0.2]) ** 2 / 12.0
+    assert shares[1:] == pytest.approx(line / (line + 0.01**2), abs=0.02) and shares[0] == 0.0
+    assert (drift_of_zero(motion, noise, np.ones(len(noise)))[1] < 0.05).all()
 
 
 def test_an_input_that_never_changes_is_no_variable() -> None:

@@ -45,6 +45,9 @@ class Faults(Checked):
     """After rescaling, a run's error may be at most this multiple of the median run's."""
     explained: float = setting(0.8, 0.0, 1.0, fewer="missed zeros", more="loads taken for zeros")
     """Share of the offsets' variance that place and control input of the runs may explain."""
+    drift: float = setting(0.5, 0.0, 1.0, fewer="slow noise taken for a drift", more="missed drifts")
+    """Share of what a model misses of a trajectory that a straight line in time takes from which the torque's zero
+    drifts; half of the trajectories have it."""
     other: float = setting(2.0, 1.0, 100.0, fewer="false other devices", more="missed ones", by=RATES)
     """Least factor by which the other group's coefficients leave more of each run than its own group's, and of the
     middle run than its own group's without it."""
