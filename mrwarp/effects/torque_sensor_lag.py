@@ -50,7 +50,7 @@ LAW = EffectLaw(
             # a sensor that lags 20 ms passes 8 Hz: a bench that records motion does not have it; the current that a
             # drive reports is filtered for a display
             most=lambda r: 0.5 if r.drive else 0.02,
-            beyond="such a reading would pass hardly any of the motion",
+            beyond="such a reading would pass hardly any of the motion, so look whether the torque is stamped late",
             starts=lambda r: (0.0006, 0.0015, 0.003, 0.006, 0.015, *((0.04, 0.1, 0.25) if r.drive else ())),
             resolution=SAMPLING_RESOLUTION,
         ),

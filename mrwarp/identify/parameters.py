@@ -318,11 +318,14 @@ def without_hysteresis(p: Parameters, x: np.ndarray) -> tuple[Parameters, np.nda
     return layout, y
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torque, shape (N,), and its derivatives by every coordinate, float32, shape (P, N), from one launch.
 
     A shaft that yields moves by the ratio of B and K: its derivatives by each of them jump where a stop is left or met
     between other samples. By all in proportion they do not, so the largest one's is what that leaves to the others.
+
+    A model that runs away has infinite torque and no slopes: its loss is not finite, and no search takes it.
     """
     linear, steps = len(LINEAR), p.steps.copy()
     yielding = [LINEAR.index(name) for name in NON_NEGATIVE] if set(YIELDING) & set(p.effects) else []
