@@ -16,7 +16,7 @@ from mrwarp.paper import ROBOTS
 from mrwarp.resources import ENERGY, FIRST_SEEDS, plant_of, policy_file
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.policy_file import read_policy
-from paper.study.plan import AWARE, CONVENTIONAL, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY
+from paper.study.plan import AWARE, CONVENTIONAL, HIGH_PRICE, PUBLIC, SEEDS, STUDY
 
 PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
 """Torque models as the paper writes them."""
@@ -39,7 +39,7 @@ def _own(folder: Path, seeds: tuple[int, ...]) -> dict[str, tuple[Path, ...]]:
 class Settings:
     """Choices of a reproduction; the defaults are those of the report."""
 
-    policies: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(ENERGY, ENERGY_SEEDS))
+    policies: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(ENERGY, SEEDS))
     """Policies of each robot's walks, one per training seed; each robot walks with its own, trained in one way,
     MR_Go-SAL's with the paper's explicit torque."""
     impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC, SEEDS))
@@ -47,7 +47,9 @@ class Settings:
     training."""
     aware: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, AWARE))
     """Policies of walks without a price on power: the actuator-aware ones of table 2."""
-    sticking: tuple[Path, ...] = field(default_factory=lambda: _of(ENERGY, plant_of("mr_go_sal", Coupling.CONSTRAINT)))
+    sticking: tuple[Path, ...] = field(
+        default_factory=lambda: _of(ENERGY, plant_of("mr_go_sal", Coupling.CONSTRAINT), SEEDS)
+    )
     """Policies of MR_Go-SAL's walks on devices that stick (the constraint coupling), trained with them; at most as many
     as of the robots. MR_Go walks next to them with its first ones."""
     high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE, FIRST_SEEDS))

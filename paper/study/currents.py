@@ -30,7 +30,7 @@ from mrwarp.trials.statistics import half_width
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
 from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, HIP_COLUMNS
 from paper.study.matched_training import settled
-from paper.study.plan import ENERGY_SEEDS, EXPLICIT, HIGH_POWER_PRICE, POWER_PRICE, kept, plant_cfg
+from paper.study.plan import HIGH_POWER_PRICE, SEEDS, kept, plant_cfg
 
 COMMAND = "mrwarp study current"
 
@@ -64,13 +64,8 @@ HOLD_SPEED = 1.0
 held is the policy's choice, which commands no current where it wants none. Those of ``latched`` have it too, and the
 latch of a commanded gate, at the current of ``fixed``: what ``learned`` saves against it is the command's alone."""
 
-SETTLING = 256, 750
-"""Environments and updates of the last step in which MR_Go-SAL's policies with devices that stick were trained, with
-:data:`LEARNING` and the price ``plan.POWER_PRICE``. It also makes what an arm begins with where none of these is
-shipped (seeds 3 and 4), from the shipped one of that seed with the paper's explicit torque."""
-
-LEARNING = PpoCfg(desired_kl=0.01, entropy=0.0005, symmetry=False)
-"""How fast networks learn: a step that settles a gait."""
+LEARNING = PpoCfg(desired_kl=0.01, entropy=0.0005)
+"""How fast networks learn: a step that settles a gait, as that of ``policies/energy``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +78,8 @@ class CurrentsCfg:
 
     arms: tuple[str, ...] = ARMS
     """Of :data:`mrwarp.enums.ARMS`."""
-    seeds: tuple[int, ...] = ENERGY_SEEDS
-    """Training seeds, of ``plan.ENERGY_SEEDS``."""
+    seeds: tuple[int, ...] = SEEDS
+    """Training seeds, of ``plan.SEEDS``."""
     num_envs: int = 128
     """Training environments."""
     iterations: int = 250
@@ -110,8 +105,8 @@ class CurrentsCfg:
     """How fast the arms learn."""
 
     def __post_init__(self) -> None:
-        if unknown := [seed for seed in (*self.seeds, *self.more_seeds) if seed not in ENERGY_SEEDS]:
-            raise ValueError(f"seed {unknown[0]}: policies to begin with are shipped for 0 to {ENERGY_SEEDS[-1]}")
+        if unknown := [seed for seed in (*self.seeds, *self.more_seeds) if seed not in SEEDS]:
+            raise ValueError(f"seed {unknown[0]}: policies to begin with are shipped for 0 to {SEEDS[-1]}")
 
 
 def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> TaskCfg:
@@ -166,7 +161,7 @@ def run(
     for k, (price, arm, seed) in enumerate(jobs):
         part, folder = parts[price][0], parts[price][1] / f"{arm}_seed{seed}"
         report(f"{arm}, seed {seed}, {price:g} per W", k / len(jobs))
-        policy = _trained(part, arm, seed, best, folder, out)
+        policy = _trained(part, arm, seed, best, folder)
         if policy is None:
             return None
         measure = partial(measure_policy, part, arm, best, policy, electrical, heat)
@@ -196,23 +191,11 @@ def sweep_currents(cfg: CurrentsCfg, electrical: ElectricalCfg, report: Callable
     return found
 
 
-def _begin(cfg: CurrentsCfg, arm: str, seed: int, out: Path) -> Path | None:
-    """Policy that an arm begins with, shipped or made in ``out`` (:data:`SETTLING`); None after Ctrl-C."""
-    robot = ROBOT.get(arm, "mr_go_sal")
-    shipped = policy_file(ENERGY, robot, seed)
-    if shipped.is_file():
-        return shipped
-    envs, updates = SETTLING
-    env = plant_cfg(robot, num_envs=envs, threads=cfg.threads, randomize="all", power_price=POWER_PRICE)
-    begin = policy_file(ENERGY, EXPLICIT, seed)
-    return settled(env, seed, updates, LEARNING, lambda: begin, out / f"start_{robot}_seed{seed}", COMMAND)
-
-
-def _trained(cfg: CurrentsCfg, arm: str, seed: int, best: float, folder: Path, out: Path) -> Path | None:
-    """Policy of an arm, trained to the end; None after Ctrl-C."""
-    begin = partial(_begin, cfg, arm, seed, out)
+def _trained(cfg: CurrentsCfg, arm: str, seed: int, best: float, folder: Path) -> Path | None:
+    """Policy of an arm, trained to the end from the shipped one of its robot and seed; None after Ctrl-C."""
+    begin = policy_file(ENERGY, ROBOT.get(arm, "mr_go_sal"), seed)
     if cfg.iterations == 0:
-        return begin()
+        return begin
     return settled(arm_env(cfg, arm, best), seed, cfg.iterations, cfg.learning, begin, folder, COMMAND)
 
 

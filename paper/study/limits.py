@@ -193,9 +193,7 @@ def train(
     for k, (seed, f) in enumerate(jobs):
         report(f"training, {f:g} Hz, seed {seed}", k / len(jobs))
         begin, folder = policy_file(cfg.policies, ROBOT, seed), out / f"{f:g}_Hz_seed{seed}"
-        policy = settled(
-            learners(cfg, f), seed, cfg.train, LEARNING, lambda begin=begin: begin, folder, "mrwarp study limits"
-        )
+        policy = settled(learners(cfg, f), seed, cfg.train, LEARNING, begin, folder, "mrwarp study limits")
         if policy is None:
             return None
         found[f].append(policy)

@@ -239,7 +239,7 @@ def settled(
     seed: int,
     updates: int,
     learning: PpoCfg,
-    begin: Callable[[], Path | None],
+    begin: Path,
     folder: Path,
     command: str,
 ) -> Path | None:
@@ -250,7 +250,7 @@ def settled(
         seed: Training seed.
         updates: PPO updates in all.
         learning: How fast the networks learn.
-        begin: Gives the file to begin with, or None after Ctrl-C; asked only where nothing is there to go on from.
+        begin: File to begin with, where the folder has nothing to go on from.
         folder: Folder of the training.
         command: Command line that asks for it, for the record.
 
@@ -261,22 +261,23 @@ def settled(
         ValueError: the folder holds a training of other choices, or it broke off.
     """
     with claim(folder):  # before its checkpoint is read
-        policy, saved, start = folder / "policy.onnx", folder / "checkpoint.pt", None
-        if saved.is_file():
+        policy, saved = folder / "policy.onnx", folder / "checkpoint.pt"
+        resumed = saved.is_file()
+        if resumed:
             content = checkpoint.load(saved)
             other = any(differences(content["task"], env)) or content["seed"] != seed
             if other or content["iteration"] > updates:
                 raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
             if content["iteration"] == updates and policy.is_file():
                 return policy
-        elif (start := begin()) is None:
-            return None
         train_cfg = TrainCfg(
             task=replace(env, seed=seed),
             ppo=learning,
             run=RunCfg(out=folder, iterations=updates, no_gate=True, check_every=float("inf"), command=command),
         )
-        result = Trainer(train_cfg, resume=None if start else saved, start_from=start).run(claimed=True)
+        result = Trainer(train_cfg, resume=saved if resumed else None, start_from=None if resumed else begin).run(
+            claimed=True
+        )
         return None if result["stopped"] == "interrupted" else policy
 
 

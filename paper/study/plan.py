@@ -31,11 +31,7 @@ from mrwarp.run_dir import plain, write_text
 from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 SEEDS = (0, 1, 2, 3, 4)
-"""Training seeds of the studies' plants."""
-
-ENERGY_SEEDS = (0, 1, 2, 3, 4)
-"""Training seeds of the robots of tables 6 and 7, MR_Go-SAL with devices that stick excepted: a small price leaves
-their gaits so much freedom that three seeds spread the saving by half of itself."""
+"""Training seeds of every plant: three spread the saving of tables 6 and 7 by half of itself."""
 
 POWER_PRICE = 0.002
 """Price of a watt of motors and coils for the robots of tables 6 and 7 [1/W]. The paper says of its reward terms only

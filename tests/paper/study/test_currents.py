@@ -1,7 +1,6 @@
 """The comparison of current commands: its tasks, its statistics, and what it takes from a folder."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +10,6 @@ from scipy import stats
 
 from mrwarp.cli import main
 from mrwarp.enums import ARMS, CurrentCommand, HoldCurrent
-from mrwarp.env.cfg import TaskCfg
-from mrwarp.env.rewards import weight
 from mrwarp.resources import ENERGY, policy_file
 from paper.study import currents
 from paper.study.currents import CurrentsCfg, arm_env, figures
@@ -68,23 +65,17 @@ def test_the_front_holds_what_nothing_beats_in_both() -> None:
     assert currents._front(points, 1.0).tolist() == [[1.0, 2.2], [2.0, 2.5]]
 
 
-def test_seeds_without_a_shipped_policy_begin_with_a_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seed 3 of MR_Go-SAL is settled from the explicit policy, once for all arms; seed 0 and Go1 begin as shipped."""
-    trained = []
-
-    def run(
-        env: TaskCfg, seed: int, updates: int, learning: object, begin: Callable[[], Path], folder: Path, _: str
-    ) -> Path:
-        trained.append((folder.name, env.num_envs, weight(env.rewards, "power"), updates, begin().name))
-        return folder / "policy.onnx"
-
-    monkeypatch.setattr(currents, "settled", run)
+def test_an_arm_begins_with_the_policy_of_its_robot_and_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every seed of every arm is shipped; without updates an arm is that policy."""
+    begun: list[Path] = []
+    monkeypatch.setattr(currents, "settled", lambda *asked: begun.append(asked[4]) or asked[5] / "policy.onnx")
     cfg = CurrentsCfg()
-    assert currents._begin(cfg, "none", 3, tmp_path) == policy_file(ENERGY, "go1", 3)
-    assert currents._begin(cfg, "fixed", 0, tmp_path) == policy_file(ENERGY, "mr_go_sal", 0)
-    assert not trained
-    assert currents._begin(cfg, "learned", 3, tmp_path) == tmp_path / "start_mr_go_sal_seed3" / "policy.onnx"
-    assert trained == [("start_mr_go_sal_seed3", 256, -0.002, 750, "mr_go_sal_explicit_seed3.onnx")]
+    for arm, robot in (("none", "go1"), ("off", "mr_go"), ("fixed", "mr_go_sal"), ("learned", "mr_go_sal")):
+        assert currents._trained(cfg, arm, 4, 0.5, tmp_path) == tmp_path / "policy.onnx"
+        own = policy_file(ENERGY, robot, 4)
+        assert begun.pop() == own and own.is_file()
+        assert currents._trained(replace(cfg, iterations=0), arm, 4, 0.5, tmp_path) == own
+    assert not begun
 
 
 def test_what_is_in_the_folder_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,10 +136,10 @@ def test_what_is_in_the_folder_is_not_done_again(tmp_path: Path, monkeypatch: py
     )
     trained: list[float] = []
 
-    def settled(env: Any, seed: int, updates: int, _: object, begin: Any, folder: Path, __: str) -> Path:
+    def settled(env: Any, seed: int, updates: int, _: object, begin: Path, folder: Path, __: str) -> Path:
         trained.append(env.gait_frequency)
         assert updates in (7, 8) and env.commands.v_x == limits.LEARNED and folder.parent.name == "trained"
-        return begin()
+        return begin
 
     monkeypatch.setattr(limits, "settled", settled)
     for study, jobs in (("limits", 8), ("release", 1)):
