@@ -43,7 +43,7 @@ class Current(Options):
     arms: Annotated[tuple[str, ...], opt.some_of(ARMS)] = ("none", "fixed", "latched", "scheduled", "learned")
     """what is compared"""
     seeds: opt.Seeds = (0, 1, 2, 3, 4)
-    """training seeds, of 0 to 4; what 3 and 4 begin with is trained first"""
+    """training seeds, of 0 to 4"""
     num_envs: opt.Count = 128
     """training environments"""
     iterations: opt.Whole = 250
