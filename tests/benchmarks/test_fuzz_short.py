@@ -16,7 +16,7 @@ from benchmarks.fuzz.runner import isolated, run
 from mrwarp.run_dir import one_line
 
 
-@pytest.mark.parametrize("cases", [30, pytest.param(120, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cases", [12, pytest.param(120, marks=pytest.mark.slow)])
 def test_mutated_files_are_read_or_refused(cases: int, tmp_path: Path) -> None:
     """No exception but the reader's own, no hang, nothing left behind; every refusal names the file and a remedy."""
     # the command itself: a batch is forked, and must not inherit the threads and locks of all tests before this one

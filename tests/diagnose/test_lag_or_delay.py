@@ -27,8 +27,7 @@ def steps(
     return StepResponses(late=late, error=np.full(late.shape, noise), trajectory=trajectory, dt=DT)
 
 
-@pytest.mark.parametrize("common", [False, True], ids=["any time", "one clock"])
-@pytest.mark.parametrize("size", [0.002, 0.004])
+@pytest.mark.parametrize(("size", "common"), [(0.002, True), (0.004, False)], ids=["one clock", "any time"])
 @pytest.mark.parametrize("effect", [LAG, DELAY])
 def test_truth_is_told(effect: str, size: float, common: bool) -> None:
     """In 20 sets the truth is named or nothing, and mostly the truth."""

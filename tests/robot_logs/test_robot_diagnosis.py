@@ -674,7 +674,7 @@ def test_a_device_remembers_how_it_turned_long_before_a_window(tmp_path: Path, m
 def test_windows_of_a_robot_at_rest_count_together_once(tmp_path: Path) -> None:
     """And each of a walk for itself."""
     counts = {}
-    for motion, seconds in (("stand", 6.0), ("walk", 4.0)):
+    for motion, seconds in (("stand", 4.0), ("walk", 3.0)):
         cfg = LogCfg(robot="mr_go", motions=((motion, seconds),), policy=DEFAULT_POLICY, seed=1)
         with contextlib.suppress(OSError):
             record(cfg, tmp_path / motion)
