@@ -72,7 +72,7 @@ class Findings:
 def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     """The typed result of steps that began at ``begun``, by ``time.perf_counter``."""
     problem, selection, recording = found.problem, found.selection, found.recording
-    measured, scale, held = problem.measured, problem.motion.scales.torque, found.held_out
+    scale, held = problem.motion.scales.torque, found.held_out
     traces = _traces(found)
     model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
     causes, suspects = causes_of(selection, model), suspects_of(found)
@@ -84,8 +84,8 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     detectable, invisible = _detectable(found)
     names = tuple(run.id for run in recording.trajectories)
     counts = problem.weight > 0.0
-    errors = (np.stack([held.predicted_baseline, held.predicted_extended]) - measured) * scale
-    spread = float(measured[counts].std()) * scale or 1.0
+    errors = (np.stack([held.predicted_baseline, held.predicted_extended]) - problem.measured) * scale
+    spread = float(problem.measured[counts].std()) * scale or 1.0
     sizes = _sizes(errors, counts)
     baseline, extended = (Error(rmse=x, nrmse=x / spread, unit=problem.units["torque"]) for x in sizes)
     runs = np.repeat(np.arange(len(names)), np.diff(problem.motion.start))

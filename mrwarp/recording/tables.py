@@ -329,9 +329,8 @@ def _renames(names: list[str], missing: list[str]) -> str:
 
 def _near(names: list[str], name: str) -> list[str]:
     """Columns that are likely meant by a name; its unit, in brackets or not, or a joint's number may follow it."""
-    units = {each: _unit_in(each, name) for each in names}
-    bare = {each: each.removesuffix(unit) if unit else each for each, unit in units.items()}
-    plain = {each: re.sub(r"\s*[\[(].*|[\s_]*\d*$", "", text.lower()) for each, text in bare.items()}
+    bare = {each: each.removesuffix(_unit_in(each, name)).lower() for each in names}
+    plain = {each: re.sub(r"\s*[\[(].*|[\s_]*\d*$", "", text) for each, text in bare.items()}
     return [each for each, text in plain.items() if text in (name, *_ALIASES[name])]
 
 

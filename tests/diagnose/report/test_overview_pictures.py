@@ -18,9 +18,10 @@ from tests.diagnose import made_up
 UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 
 
-def test_every_picture_is_drawn() -> None:
+@pytest.mark.parametrize("verdict", [pytest.param("none", marks=pytest.mark.slow), "named_and_unexplained"])
+def test_every_picture_is_drawn(verdict) -> None:
     """All nine, none empty, none larger than a phone loads."""
-    found, notes = pictures.draw(made_up.make("named_and_unexplained"))
+    found, notes = pictures.draw(made_up.make(verdict))
     assert not notes and tuple(found) == pictures.NAMES
     for name, data in found.items():
         image = matplotlib.image.imread(io.BytesIO(data))
