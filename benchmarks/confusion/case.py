@@ -281,7 +281,7 @@ def make_foreign(kind: str, law: str, *, share: float, seed: int, size: str = "l
 
     Args:
         kind: Effect, several joined by "+", or "none".
-        law: One of :data:`benchmarks.confusion.foreign.LAWS`.
+        law: One of :data:`benchmarks.confusion.foreign.LAWS` or of :data:`benchmarks.confusion.outside.LAWS`.
         share: RMS of what each effect alone changes in the torque, over the torque's RMS.
         seed: Seed of the device, its motion, the effects' draws and the noise.
         size: As in :func:`make_case`.

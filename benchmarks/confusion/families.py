@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.confusion import foreign, outside
 from benchmarks.confusion.case import Case, make_case, make_foreign
 from benchmarks.confusion.effects import CALIBRATION, PAIRS, SINGLE, UNCATALOGUED
-from benchmarks.confusion.foreign import HIDDEN, LAWS
 
-FAMILIES = ("single", "none", "uncatalogued", "pairs", "background", "calibration", "other", "foreign")
+OTHER_LAWS = {"foreign": foreign, "outside": outside}
+"""Families of devices that follow other laws than eqs. 14 and 15: published ones, and ones in no list of laws."""
+
+FAMILIES = ("single", "none", "uncatalogued", "pairs", "background", "calibration", "other", "foreign", "outside")
 """Families by name."""
 
 SEED_STEP = 100_003
@@ -41,7 +44,7 @@ class Plan:
 
     family: str
     level: float = 0.4
-    """Level of each effect; in the family "foreign" its share of the torque's RMS."""
+    """Level of each effect; in the families "foreign" and "outside" its share of the torque's RMS."""
     seed: int = 0
     size: str | None = None
     """Size of all data sets; None: large, in the family "none" both in turn."""
@@ -62,7 +65,8 @@ class Plan:
             raise ValueError(f"kind {min(unknown)!r} is not in family {self.family!r}; of {', '.join(self._known())}")
 
     def _known(self) -> list[str]:
-        kinds = {"uncatalogued": UNCATALOGUED, "calibration": CALIBRATION, "none": ("none",), "foreign": HIDDEN}
+        kinds = {"uncatalogued": UNCATALOGUED, "calibration": CALIBRATION, "none": ("none",)}
+        kinds |= {family: laws.HIDDEN for family, laws in OTHER_LAWS.items()}
         if self.family == "pairs":
             return ["+".join(pair) for pair in PAIRS]
         return list(kinds.get(self.family, SINGLE))
@@ -73,8 +77,9 @@ class Plan:
         kind, turn = kinds[index % len(kinds)], index // len(kinds)
         out: dict[str, Any] = {"kind": tuple(kind.split("+")) if "+" in kind else kind, "level": self.level}
         out["seed"] = self.seed * SEED_STEP + index
-        if self.family == "foreign":
-            out = {"kind": kind, "law": LAWS[index % len(LAWS)], "share": self.level, "seed": out["seed"]}
+        if self.family in OTHER_LAWS:
+            laws = OTHER_LAWS[self.family].LAWS
+            out = {"kind": kind, "law": laws[index % len(laws)], "share": self.level, "seed": out["seed"]}
             return out | ({"size": self.size} if self.size else {})
         if self.family == "none":
             out["noise"], out["size"], out["base_spread"] = _NONE[index % len(_NONE)]
@@ -97,6 +102,6 @@ class Plan:
 
     def make(self, index: int) -> Case:
         """Make the case ``index``."""
-        if self.family == "foreign":
+        if self.family in OTHER_LAWS:
             return make_foreign(**self.arguments(index))
         return make_case(**self.arguments(index))

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from benchmarks.confusion import outside
+
 Numbers = Mapping[str, float]
 
 TYPICAL: dict[str, dict[str, float]] = {
@@ -77,15 +79,18 @@ SPREAD = 0.2
 
 
 def drawn(law: str, seed: np.random.SeedSequence) -> dict[str, float]:
-    """Numbers of one device."""
+    """Numbers of one device, by a law of this module or of :mod:`benchmarks.confusion.outside`."""
     rng = np.random.default_rng(seed)
-    return {name: value * (1.0 + SPREAD * rng.uniform(-1.0, 1.0)) for name, value in TYPICAL[law].items()}
+    typical = (TYPICAL | outside.TYPICAL)[law]
+    return {name: value * (1.0 + SPREAD * rng.uniform(-1.0, 1.0)) for name, value in typical.items()}
 
 
 def torque(
     law: str, p: Numbers, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, current: np.ndarray, dt: float
 ) -> np.ndarray:
     """Torque of a device along a motion, arrays (T, N) [N·m]."""
+    if law in outside.LAWS:
+        return outside.torque(law, p, q, qd, qdd, current, dt)
     return _TORQUES[law](p, q, qd, qdd, current, dt)
 
 

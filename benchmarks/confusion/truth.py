@@ -44,7 +44,7 @@ class Device:
     effects: Mapping[str, Effect] = field(default_factory=dict)
     """Hidden effects, by name."""
     law: str = ""
-    """Another law than eqs. 14 and 15, of :data:`benchmarks.confusion.foreign.LAWS`; empty for these."""
+    """Another law than eqs. 14 and 15, of the families "foreign" and "outside"; empty for these."""
     numbers: Mapping[str, float] = field(default_factory=dict)
     """Coefficients of that law."""
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.confusion import outside
 from benchmarks.confusion.case import make_foreign
 from benchmarks.confusion.families import Plan
 from benchmarks.confusion.foreign import BEHIND, LAWS, STOP, behind, drawn, torque
@@ -39,7 +40,7 @@ def test_nothing_hidden_in_a_foreign_device_is_not_named() -> None:
     assert found["outcome"] == "right" and not found["causes"] and not found["faults"] and found["unexplained"]
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", (*LAWS, *outside.LAWS))
 def test_a_foreign_law_dissipates_and_repeats(law: str) -> None:
     """Over a closed cycle it takes energy, more with current, and half the step the same, to a thousandth."""
     numbers = drawn(law, np.random.SeedSequence(1))
@@ -98,3 +99,28 @@ def test_an_effect_behind_the_encoder_has_the_share_that_was_asked_for(effect: s
     case = make_foreign(effect, "guo", share=0.1, seed=3, size="small")
     with_it, without = (simulate(d, case.motion).torque for d in (case.device, case.device.with_effects({})))
     assert np.sqrt(np.mean((with_it - without) ** 2)) == pytest.approx(0.1 * np.sqrt(np.mean(without**2)), rel=0.15)
+
+
+def test_bristles_follow_a_step_of_the_current_over_a_path() -> None:
+    """At a steady speed the torque nears its new limit as exp(-stiffness*path/limit), at any speed; other laws jump."""
+    numbers = outside.TYPICAL["bristle"] | {"damping": 0.0, "rise": 0.0, "c": 0.0}
+    for speed in (0.5, 5.0):
+        t = np.linspace(0.0, 1.0 / speed, 2001)[None]
+        current = np.where(t > 0.5 / speed, 1.0, 0.5)
+        out = outside.torque("bristle", numbers, speed * t, np.full_like(t, speed), 0.0 * t, current, t[0, 1])
+        low, high = (numbers["yield0"] + numbers["yield1"] * x for x in (0.5, 1.0))
+        gone = np.clip(speed * t[0] - 0.5, 0.0, None)
+        want = high + (low - high) * np.exp(-numbers["stiffness"] * gone / high)
+        np.testing.assert_allclose(out[0, 1001:], want[1001:], atol=0.01 * high)
+
+
+def test_families_of_other_laws_pair_every_effect_with_every_law() -> None:
+    """As many different pairs as there are, and an effect of each is found in the case's truth."""
+    plan = Plan(family="outside", level=0.1, size="small")
+    count = len(outside.LAWS) * len(set(outside.HIDDEN))
+    pairs = {
+        (plan.arguments(k)["law"], plan.arguments(k)["kind"]) for k in range(len(outside.LAWS) * len(outside.HIDDEN))
+    }
+    assert len(pairs) == count
+    case = make_foreign("cogging", "elastoplastic", share=0.1, seed=5, size="small")
+    assert case.truth.law == "elastoplastic" and case.truth.kinds == ("cogging",)

@@ -15,8 +15,7 @@ from scipy.optimize import least_squares
 from benchmarks.confusion import levels
 from benchmarks.confusion.case import NOISES, Noise, Truth, make_case, write_case
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UNCATALOGUED, Effect
-from benchmarks.confusion.families import FAMILIES, Plan
-from benchmarks.confusion.foreign import HIDDEN
+from benchmarks.confusion.families import FAMILIES, OTHER_LAWS, Plan
 from benchmarks.confusion.levels import TOLERANCE
 from benchmarks.confusion.motion import Motion, make_session
 from benchmarks.confusion.path import behind_gap
@@ -393,7 +392,8 @@ def test_every_family_has_its_cases(family: str) -> None:
     arguments = [plan.arguments(index) for index in range(200)]
     assert len({a["seed"] for a in arguments}) == 200
     assert all(a.get("velocity", True) for a in arguments if a["kind"] == "velocity_lag")
-    expected = {"none": 1, "uncatalogued": 6, "pairs": 6, "calibration": 4, "foreign": len(set(HIDDEN))}
+    expected = {"none": 1, "uncatalogued": 6, "pairs": 6, "calibration": 4}
+    expected |= {name: len(set(laws.HIDDEN)) for name, laws in OTHER_LAWS.items()}
     assert len({a["kind"] for a in arguments}) == expected.get(family, len(SINGLE))
     if family == "none":
         assert len({(a["noise"], a["size"], a["base_spread"]) for a in arguments}) == 12
