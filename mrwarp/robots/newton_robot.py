@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,17 +58,25 @@ def read_by_newton(path: Path, add: Callable[[Any], Any], base: str | None) -> F
 
 
 def add_stage(builder: Any, stage: Any) -> None:
-    """Put a USD stage into a builder, with the numbers of Newton's, MuJoCo's and PhysX's attributes."""
+    """Put a USD stage into a builder, with the numbers of Newton's, MuJoCo's and PhysX's attributes.
+
+    Fixed joints stay, against what its scene may say: Newton 1.8 merges inertias wrongly.
+    """
     from newton import usd  # it takes seconds to load
 
     resolvers = [usd.SchemaResolverNewton(), usd.SchemaResolverMjc(), usd.SchemaResolverPhysx()]
-    builder.add_usd(stage, collapse_fixed_joints=True, schema_resolvers=resolvers)
+    builder.add_usd(stage, schema_resolvers=resolvers)
 
 
 def _robot(path: Path, builder: Any, base: str | None) -> ForeignRobot:
-    """The builder's content."""
-    if not builder.body_label:
+    """The builder's content, with the links on fixed joints as parts of those that bear them."""
+    from newton import JointType
+
+    fixed = {i for i, kind in enumerate(builder.joint_type) if kind == JointType.FIXED}
+    scenery = _scenery(builder, fixed)
+    if len(scenery) == len(builder.body_label):
         raise RobotFileError(f"{path}: there is no body that could move; is it a robot's file?")
+    merged = {builder.joint_child[i] for i in fixed if builder.joint_parent[i] >= 0} | scenery
     bodies = [
         Body(
             name=name,
@@ -76,16 +84,17 @@ def _robot(path: Path, builder: Any, base: str | None) -> ForeignRobot:
             com=np.array(builder.body_com[i], dtype=float),
             inertia=np.array(builder.body_inertia[i], dtype=float).reshape(3, 3),
         )
-        for i, name in enumerate(_names(builder.body_label))
+        for i, name in enumerate(_names(builder.body_label, merged))
     ]
-    from newton import JointType
-
-    names, labels = _names(builder.joint_label), [label.rpartition("/")[2] for label in builder.joint_label]
+    names = _names(builder.joint_label, fixed)
+    labels = [label.rpartition("/")[2] for label in builder.joint_label]
     root, floating, joints, couplings = None, True, [], []
     for i, number in enumerate(builder.joint_type):
         kind = JointType(number)
         parent, child = builder.joint_parent[i], builder.joint_child[i]
-        if builder.joint_articulation[i] < 0 and number:
+        if child in scenery:
+            continue
+        if builder.joint_articulation[i] < 0 and kind not in (JointType.PRISMATIC, JointType.FIXED):
             ends = " and ".join(bodies[k].name if k >= 0 else "the world" for k in (parent, child))
             couplings.append(Coupling(text=f"joint {labels[i]} closes a loop between {ends}"))
         elif parent < 0:
@@ -114,25 +123,56 @@ def _robot(path: Path, builder: Any, base: str | None) -> ForeignRobot:
     shapes, notes = _shapes(builder)
     whole = root < len(builder.body_q)  # else it is the world, and has no place
     placed = _transform(builder.body_q[root]).rotation if whole else Rotation.identity()
-    return ForeignRobot(
+    robot = ForeignRobot(
         path=path,
         name=prim_names([path.stem])[0],
         bodies=bodies,
-        joints=joints,
-        shapes=shapes,
+        joints=_in_order(joints, root),
+        shapes=[shape for shape in shapes if shape.body not in scenery],
         root=root,
         floating=floating,
         base_said="user" if base else "file",
         couplings=couplings,
         notes=notes,
-    ).upright(placed)
+    )
+    return robot.fixed({joint.name: 0.0 for joint in joints if joint.kind == "fixed"}).upright(placed)
 
 
-def _names(labels: Sequence[str]) -> list[str]:
-    """Names from Newton's labels, which are paths: the last part, or as much as distinguishes them."""
+def _scenery(builder: Any, fixed: Collection[int]) -> set[int]:
+    """Bodies that are fixed to the world and bear nothing that moves."""
+    held = {-1}
+    for _ in fixed:
+        held |= {builder.joint_child[i] for i in fixed if builder.joint_parent[i] in held}
+    bears = {builder.joint_parent[i] for i in range(len(builder.joint_type)) if i not in fixed}
+    for _ in fixed:
+        bears |= {builder.joint_parent[i] for i in fixed if builder.joint_child[i] in bears}
+    return held - bears - {-1}
+
+
+def _in_order(joints: Sequence[Joint], root: int) -> list[Joint]:
+    """Joints from the root on, a limb after the other, so that parents come first."""
+    below: dict[int, list[Joint]] = {}
+    for joint in sorted(joints, key=lambda joint: joint.child):
+        below.setdefault(joint.parent, []).append(joint)
+    found, left = [], below.pop(root, [])[::-1]
+    while left:
+        found.append(left.pop())
+        left += below.pop(found[-1].child, [])[::-1]
+    return [*found, *(joint for own in below.values() for joint in own)]
+
+
+def _names(labels: Sequence[str], last: Collection[int]) -> list[str]:
+    """Names from Newton's labels, which are paths: the last part, or as much as distinguishes them.
+
+    Args:
+        labels: Newton's labels.
+        last: Those that are merged, so that the others' names come first.
+    """
     short = [label.rstrip("/").rpartition("/")[2] for label in labels]
-    often = Counter(short)
-    return prim_names([name if often[name] == 1 else label for name, label in zip(short, labels, strict=True)])
+    often = Counter(name for k, name in enumerate(short) if k not in last)
+    order = sorted(range(len(labels)), key=lambda k: k in last)
+    names = prim_names([short[k] if often[short[k]] == 1 and k not in last else labels[k] for k in order])
+    return [name for _, name in sorted(zip(order, names, strict=True))]
 
 
 def _joint(builder: Any, i: int, parent: int, child: int, name: str) -> Joint:

@@ -16,7 +16,7 @@ from mrwarp.robots.mjcf import read_mjcf
 from mrwarp.robots.newton_robot import add_stage, read_by_newton
 from mrwarp.robots.urdf import Meshes, checked_urdf
 from mrwarp.run_dir import no_file
-from mrwarp.usd.open_stage import SCHEMA, open_stage
+from mrwarp.usd.open_stage import SCHEMA, keep_fixed_joints, open_stage
 
 SUFFIXES = {".xml": "MJCF", ".mjcf": "MJCF", ".urdf": "URDF", ".usd": "USD", ".usda": "USD", ".usdc": "USD"}
 """Content of a file by the end of its name."""
@@ -60,9 +60,7 @@ def _read_urdf(path: Path, meshes: Meshes, base: str | None) -> ForeignRobot:
         builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
         quat = Rotation.from_euler("xyz", urdf.mount[1]).as_quat().tolist()
         # a root that is held is read as one that floats: else it is dropped with its mass
-        builder.add_urdf(
-            urdf.text, xform=(*urdf.mount[0], *quat), floating=urdf.base is not None, collapse_fixed_joints=True
-        )
+        builder.add_urdf(urdf.text, xform=(*urdf.mount[0], *quat), floating=urdf.base is not None)
 
     robot = read_by_newton(path, add, urdf.base)
     robot.base_said = "user" if base else "file" if urdf.base_said else ""
@@ -100,6 +98,7 @@ def _read_usd(path: Path, base: str | None) -> ForeignRobot:
     with Usd.EditContext(stage, stage.GetSessionLayer()):  # their numbers are known; Newton refuses other kinds
         for motor in motors:
             motor.SetActive(False)
+        keep_fixed_joints(stage)
         if not any(prim.HasAPI(UsdPhysics.ArticulationRootAPI) for prim in stage.Traverse()):
             UsdPhysics.ArticulationRootAPI.Apply(stage.GetDefaultPrim())
 

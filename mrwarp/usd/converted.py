@@ -20,6 +20,7 @@ from pxr import Sdf, Usd
 
 from mrwarp.run_dir import library_version, write_bytes
 from mrwarp.runtime import uncollected
+from mrwarp.usd.open_stage import keep_fixed_joints
 
 CACHE_BYTES = 2**28
 """Largest size of the cache [bytes], some hundred robots: the entries that were used last stay."""
@@ -148,6 +149,7 @@ def convert_stage(stage: Usd.Stage, ground: bool | Field) -> tuple[str, mujoco.M
     with Usd.EditContext(bare, session):
         for prim in [prim for prim in bare.Traverse() if prim.GetTypeName() == DRIVE]:
             prim.SetActive(False)
+        keep_fixed_joints(bare)
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     builder.add_usd(bare)

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happen before the registry is first used)
-from pxr import Plug, Sdf, Tf, Usd, UsdUtils
+from pxr import Plug, Sdf, Tf, Usd, UsdPhysics, UsdUtils
 
 from mrwarp.run_dir import no_file
 
@@ -341,3 +341,10 @@ def _limit(which: int, value: int) -> None:
     soft, hard = resource.getrlimit(which)
     allowed = [limit for limit in (value, hard, soft if which != resource.RLIMIT_CPU else hard)]
     resource.setrlimit(which, (min(limit for limit in allowed if limit != resource.RLIM_INFINITY), hard))
+
+
+def keep_fixed_joints(stage: Usd.Stage) -> None:
+    """Say on the layer that is edited that Newton keeps fixed joints: version 1.8 merges the inertias wrongly."""
+    for prim in [prim for prim in stage.Traverse() if prim.IsA(UsdPhysics.Scene)]:
+        if (said := prim.GetAttribute("newton:collapse_fixed_joints")).Get():
+            said.Set(False)
