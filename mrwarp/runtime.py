@@ -46,6 +46,21 @@ def exit_code(error: BaseException) -> int | None:
     return getattr(error, "exit_code", 2 if isinstance(error, ValueError | OSError) else None)
 
 
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+"""Environment variables that name a screen on Linux."""
+
+
+def has_display() -> bool:
+    """Whether a window can be opened."""
+    return not sys.platform.startswith("linux") or bool(set(DISPLAYS) & set(os.environ))
+
+
+def render_offscreen() -> None:
+    """Let MuJoCo render without a screen, by EGL unless MUJOCO_GL says else; call it before MuJoCo is imported."""
+    if not has_display():
+        os.environ.setdefault("MUJOCO_GL", "egl")
+
+
 def core_count() -> int:
     """CPU cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -17,7 +17,7 @@ from mrwarp.env.cfg import PlantCfg, TaskCfg
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options, given, parse
 from mrwarp.run_dir import check_output, write_result
-from mrwarp.runtime import drawing
+from mrwarp.runtime import drawing, render_offscreen
 from mrwarp.usd.robot import CURRENT_GROUPS
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ duration = opt.checked(float, lambda s: 1.0 <= s < math.inf, " must be a finite 
 class Play(Options):
     """Run a policy with one robot per MR current side by side, and show it in rerun, in a recording or in a picture.
 
-    Without --rrd, --connect, --serve-web, --png and --out, rerun's window opens. The default of each option on robot,
-    devices and ground is what the policy was trained with; there are as many robots as currents.
+    Without --rrd, --connect, --serve-web, --png, --film and --out, rerun's window opens. The default of each option on
+    robot, devices and ground is what the policy was trained with; there are as many robots as currents.
     """
 
     renamed = {"actuator-model": "actuator-file"}
@@ -67,6 +67,8 @@ class Play(Options):
     """port of --serve-web (default: 9090 if free)"""
     png: opt.OptionalFile = None
     """save a picture: five instants and time series"""
+    film: opt.OptionalFile = None
+    """save the last four seconds as a rendered animation (.webp or .gif)"""
     out: opt.OptionalFolder = None
     """folder for result.json, the measured figures"""
     speed: opt.Speed = 0.5
@@ -89,6 +91,8 @@ class Play(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
+        if self.film:
+            render_offscreen()
         if self.agent == "sine":
             return self._sine(line)
         player = self._prepare(line)
@@ -127,6 +131,8 @@ class Play(Options):
         typed = given(line, Play)
         for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
+        if self.film is not None:
+            check_output(self.film, ".gif" if self.film.suffix == ".gif" else ".webp")
         if self.policy:
             from mrwarp.rl.policy_file import check_robot
 
@@ -151,14 +157,14 @@ class Play(Options):
         else:
             actor = make_agent(str(self.agent), env)
         sink, viewed = None, self.live or self.rrd or self.connect is not None or self.serve_web
-        if viewed or not (self.png or self.out):
+        if viewed or not (self.png or self.film or self.out):
             sink = open_sink(
                 rrd=_partial(self.rrd) if self.rrd else None,
                 url=DEFAULT_URL if self.connect == "" else self.connect,
                 web=self.serve_web,
                 web_port=self.web_port,
             )
-        keep = self.png is not None
+        keep = self.png is not None or self.film is not None
         return Player(env, actor, speed=self.speed, shown=shown(env.num_envs), sink=sink, keep=keep)
 
     def _play(self, line: CommandLine, player: Player, web: WebViewer | None) -> int:
@@ -202,6 +208,12 @@ class Play(Options):
             with drawing(self.png.name):
                 contact_sheet(player.env.sim.scene, Frames.join(player.frames), player.currents, self.png, title=title)
                 print(f"picture: {self.png}")
+        if self.film and len(player.frames) > 1:
+            from mrwarp.viewing.film import film
+
+            with drawing(self.film.name):
+                film(player.env.sim.scene, Frames.join(player.frames), player.currents, self.film)
+                print(f"film: {self.film}")
         if figures and web:
             print("the page stays until Ctrl-C", flush=True)
             web.wait()

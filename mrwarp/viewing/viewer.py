@@ -20,6 +20,8 @@ import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import quote, urlsplit
 
+from mrwarp.runtime import has_display
+
 LOCALHOST = "127.0.0.1"
 DEFAULT_URL = f"rerun+http://{LOCALHOST}:9876/proxy"
 """Where rerun's own viewer listens."""
@@ -106,7 +108,7 @@ def check_viewer(url: str | None = None) -> bool:
         return True
     if url:
         raise ViewerError(f"{url}: no viewer listens there; start one with 'rerun', or save a file with --rrd")
-    if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"} & set(os.environ):
+    if not has_display():
         raise ViewerError("no display to open rerun's window on; save a file with --rrd, or use --serve-web")
     return False
 
