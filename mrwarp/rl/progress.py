@@ -15,6 +15,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.options.progress_bar import roughly
 from mrwarp.rl.ranks import Ranks
 from mrwarp.runtime import panels
+from mrwarp.trials.gait_rules import Rules
 from mrwarp.trials.walking import WalkingGate
 
 WINDOW = 50
@@ -23,6 +24,9 @@ WINDOW = 50
 TYPICAL = (64, 288.0)
 """Robots, and updates to the walking gate: the mean of seeds 0 to 4 (docs/performance.md). 4096 robots took 107: the
 number falls with the fourth root of the robots."""
+
+SETTLING = "--reward tilt=-100 --num-envs 256 --desired-kl 0.01 --entropy 0.0005 --no-gate --iterations 400"
+"""Options of a training that settles a gait (docs/policies.md)."""
 
 SETTLED = 10
 """Updates after which the time of an update is known."""
@@ -110,6 +114,21 @@ def gate_line(measured: dict[str, Any], gate: WalkingGate) -> str:
         f"never fell {measured['never_fell']:.0%}, height {measured['height']:.3f} m, "
         f"stride {measured['stride_frequency']:.2f} Hz, "
         f"clock {measured['clock_match']:.0%} -> " + (f"not yet: {', '.join(failed)}" if failed else "passed")
+    )
+
+
+def rules_line(measured: dict[str, Any], out: Path) -> str:
+    """Which rules of a good gait a policy that walks does not keep yet, and how to go on; empty where it keeps all."""
+    if not measured["passed"] or not measured["rules_not_kept"]:
+        return ""
+    limits = {"sides": (100.0 * Rules().sides, "%"), "tilt_rms": (Rules().tilt_rms, "deg")}
+    named = []
+    for name in measured["rules_not_kept"]:
+        limit, unit = limits.get(name, (Rules().lean, "deg"))
+        named.append(f"{name} {measured['posture'][name]:.2g} {unit} (at most {limit:g})")
+    return (
+        f"it walks, but not yet by all rules of a good gait: {', '.join(named)}. To settle it: mrwarp train "
+        f"--start-from {out / 'checkpoint.pt'} {SETTLING} --out {out.with_name(out.name + '-settled')}"
     )
 
 

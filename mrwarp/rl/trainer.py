@@ -366,6 +366,8 @@ class Trainer:
         description |= {"seed": self.cfg.task.seed, "iteration": self.iteration, "command": self.cfg.run.command}
         policy.export_onnx(self.algorithm.get_policy(), out / "policy.onnx", description)
         write_result(out, result, seed=self.cfg.task.seed, command=self.cfg.run.command)
+        if gate_rows and (line := progress.rules_line(gate_rows[-1], out)):
+            self._say(line)
         with drawing("learning_curve.png"):
             progress.plot(self.progress, out / "learning_curve.png", WalkingGate().scaled(self.env.scales))
         return result

@@ -16,6 +16,7 @@ from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
 from mrwarp.params import MrParams
+from mrwarp.trials.gait_rules import PostureMeter, broken
 from mrwarp.usd.asset import JointActuator, device_lines, load_robot, with_model
 from mrwarp.usd.robot import CALF_COLUMNS, DEFAULT_POSE
 
@@ -108,11 +109,19 @@ class GateCheck:
         self.command = command
 
     def __call__(self, policy: Policy) -> dict[str, Any]:
-        """Measure a policy: figures as in :func:`measure`, the verdicts, and ``passed``."""
+        """Measure a policy: figures as in :func:`measure`, the verdicts, ``passed``, and ``rules_not_kept``.
+
+        The last are rules of :mod:`mrwarp.trials.gait_rules`, by the name of the figure; slip is not measured here.
+        """
         self.env.restart()
         measured = measure(self.env, policy, self.command, warmup=self.gate.warmup, seconds=self.gate.seconds)
         verdicts = self.gate.judge(measured)
-        return {**measured, "conditions": verdicts, "passed": all(verdicts.values())}
+        return {
+            **measured,
+            "conditions": verdicts,
+            "passed": all(verdicts.values()),
+            "rules_not_kept": broken(measured["posture"]),
+        }
 
 
 def task_devices(cfg: TaskCfg) -> tuple[JointActuator, ...]:
@@ -276,9 +285,10 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
         ``reward`` per second by the environment's weights, which is without exploration here; ``never_fell`` share;
         ``v_x_rmse`` and ``v_x_bias`` by commanded speed and ``v_x_rmse_by_current`` [m/s]; ``height`` mean trunk height
         above the ground [m]; ``stride_frequency`` [Hz]; ``clock_match`` share; ``hold_share`` and ``dynamic_share`` of
-        time with open gates; ``work_mr`` and ``injected`` energy of the devices [J per env]; ``unsolved_steps``.
+        time with open gates; ``work_mr`` and ``injected`` energy of the devices [J per env]; ``unsolved_steps``;
+        ``posture`` at the quickest command, see :class:`~mrwarp.trials.gait_rules.PostureMeter`.
     """
-    dt = env.cfg.step_dt
+    dt, posture = env.cfg.step_dt, PostureMeter(env)
     skip, steps = round(warmup / dt), round(seconds / dt)
     v_x, height, match, contact, hold, dynamic, reward = [], [], [], [], [], [], []
     fell = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
@@ -294,6 +304,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
             v_x.append(env.body_velocity[:, 0].clone())
             height.append(env.height.clone())
             match.append(env.clock_match.float().mean(1))
+            posture.add()
             contact.append(env.f_foot > env.contact_force)
             if env.actuator.mr_joints:
                 hold.append(env.view(env.actuator.m_hold).mean(1))
@@ -319,6 +330,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
         "unsolved_steps": int(env.sim.unsolved.numpy().sum()) - unsolved,
         "duration": seconds,
         "num_envs": env.num_envs,
+        "posture": posture.figures(command[:, 0] == command[:, 0].max()),
     }
 
 

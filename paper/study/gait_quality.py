@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -14,28 +13,10 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.resources import policy_file
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.runtime import text_table
+from mrwarp.trials.gait_rules import Rules, broken
 from mrwarp.usd.robot import CURRENT_GROUPS
 from paper.study.plan import plant_cfg
 from paper.study.rollouts import EvaluationCfg, roll_out
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rules:
-    """Limits of a policy that tables can rest on, at 0.5 m/s on flat ground."""
-
-    tilt_rms: float = 1.0
-    """Largest RMS of roll and pitch together [deg]: one leg of a pair with 0.4 m between them stands 7 mm higher than
-    the other."""
-    lean: float = 0.5
-    """Largest mean roll or pitch [deg]: half of what the RMS may be."""
-    sides: float = 0.05
-    """Largest difference of the mean calf torque of left and right legs, as a share of their mean: gaits with a clock
-    are mirror images of themselves half a stride later, so all of it is a fault."""
-    slip: float = 0.05
-    """Largest mean speed of standing feet over the ground [m/s]: a tenth of the walking speed."""
-    spread: float = 0.3
-    """Largest sample standard deviation of a plant's v_x RMSE over its seeds, as a share of the mean."""
-
 
 UNITS = {"tilt_rms": "deg", "roll": "deg", "pitch": "deg", "sides": "%", "slip": "m/s", "v_x_rmse": "m/s", "fell": ""}
 """Figures of a policy and their units."""
@@ -139,20 +120,6 @@ def lines(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], bool]:
 
 def _of(rows: Sequence[Mapping[str, Any]], plant: str) -> list[Mapping[str, Any]]:
     return [row for row in rows if row["plant"] == plant]
-
-
-def broken(figures: Mapping[str, float], rules: Rules | None = None) -> list[str]:
-    """Rules that a policy does not keep, by the name of the figure."""
-    rules = rules or Rules()
-    kept = {
-        "tilt_rms": figures["tilt_rms"] <= rules.tilt_rms,
-        "roll": abs(figures["roll"]) <= rules.lean,
-        "pitch": abs(figures["pitch"]) <= rules.lean,
-        "sides": abs(figures["sides"]) <= 100.0 * rules.sides,
-        "slip": figures["slip"] <= rules.slip,
-        "fell": figures["fell"] == 0.0,
-    }
-    return [name for name, held in kept.items() if not held]
 
 
 def spread_kept(rows: Sequence[Mapping[str, Any]], rules: Rules | None = None) -> bool:

@@ -6,8 +6,9 @@ import torch
 
 from mrwarp.enums import ZStep
 from mrwarp.env.cfg import TaskCfg
+from mrwarp.trials.gait_rules import PostureMeter, Rules, broken
 from mrwarp.trials.walking import make_env
-from paper.study.gait_quality import UNITS, FootMeter, Rules, broken, lines, spread_kept
+from paper.study.gait_quality import UNITS, FootMeter, lines, spread_kept
 
 GOOD = {"tilt_rms": 0.6, "roll": 0.1, "pitch": -0.2, "sides": 2.0, "slip": 0.02, "v_x_rmse": 0.02, "fell": 0.0}
 
@@ -51,3 +52,27 @@ def test_the_spread_of_seeds_is_a_rule_of_the_plant() -> None:
     assert np.std([0.02, 0.05], ddof=1) > 0.3 * 0.035
     text, kept = lines(rows)
     assert not kept and text[-2] == "1 of 2 policies keep every rule" and text[-1].endswith("seeds of: mlp")
+
+
+def test_posture_is_that_of_a_leaning_robot() -> None:
+    """A trunk turned by 2 degrees about its x axis reads as roll, of RMS 2 degrees; the sides' torques are compared."""
+    env = make_env(TaskCfg(actuator="none", z_step=ZStep.EULER), 2, 0)
+    meter, on = PostureMeter(env), torch.tensor([True, False])
+    for degrees in (2.0, 2.0):
+        angle = np.radians(degrees)
+        env.gravity[:] = torch.tensor([0.0, -np.sin(angle), -np.cos(angle)], dtype=torch.float32)
+        torque = env.view(env.actuator.tau_motor)
+        torque[:] = 1.0
+        torque[:, :6] = 3.0  # two of the four legs
+        meter.add()
+    found = meter.figures(on)
+    assert found["roll"] == pytest.approx(2.0, rel=1e-5) and found["pitch"] == pytest.approx(0.0, abs=1e-5)
+    assert found["tilt_rms"] == pytest.approx(2.0, rel=1e-5)
+    left = [leg.name.endswith("L") for leg in env.layout.legs]
+    strong = [k < 2 for k in range(4)]
+    sides = [
+        np.mean([3.0 if s else 1.0 for s, is_left in zip(strong, left, strict=True) if is_left is side])
+        for side in (True, False)
+    ]
+    assert found["sides"] == pytest.approx(200.0 * (sides[0] - sides[1]) / sum(sides))
+    assert broken(found) == ["tilt_rms", "roll"]
