@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, ClassVar
 
 from tyro.conf import Positional
@@ -93,6 +94,33 @@ class MakeDevice(Options):
         with drawing(f"{self.name}.png"):
             path = loop_picture(device, recording, pictures / f"{self.name}.png", measured=self.data is not None)
             print(f"\n{self.library / self.name} written; picture: {path}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportDevice(Options):
+    """Write a device for other hosts: NAME.h for C, NAME.py with NumPy alone, NAME_mujoco.h and .xml for plain MuJoCo.
+
+    They are the kernels' own laws with every effect that acts, and give the same torque to rounding.
+    """
+
+    networks: ClassVar[bool] = False
+    model: Positional[Annotated[str, opt.one(str, "MODEL")]]
+    """model.json of 'mrwarp fit', or a device of 'mrwarp device list'"""
+    out: opt.Folder = Path("runs/export")
+    """output folder"""
+    dt: Annotated[float, opt.one(opt.positive, "S")] = 0.001
+    """control period of the host [s]"""
+    name: Annotated[str, opt.one(str, "NAME")] = "mr_joint"
+    """front of files, functions and constants"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when all is written, 2 where the device cannot be exported: then nothing is."""
+        from mrwarp.export.writers import export_device
+        from mrwarp.model_file import load_model
+
+        for path in export_device(load_model(self.model), self.out, dt=self.dt, name=self.name).values():
+            print(path)
         return 0
 
 

@@ -89,6 +89,8 @@ def joint_path(
     s.command_before = command
     s.held = 1
     s = current_path(s, values, row, memory, line)
+    s.current = wp.abs(s.current)  # a coil and a core know signs, the fluid does not
+    s.field = wp.abs(s.field)
     s.q = q
     s.zero = q - displacement(p, q)
     s.middle = s.zero

@@ -15,7 +15,15 @@ from mrwarp.effects.joint import delayed_command, joint_path, stored_heat
 from mrwarp.kernels import mr_joint
 from mrwarp.kernels.coil import coil_current, mean_coil_current
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
-from mrwarp.kernels.mr_joint import JointParams, displacement, gated_command, hysteresis, sliding_torque, stuck
+from mrwarp.kernels.mr_joint import (
+    JointParams,
+    displacement,
+    gated_command,
+    hysteresis,
+    sliding_torque,
+    stuck,
+    unusable,
+)
 from mrwarp.kernels.mr_stages import device_share, flat, motor_torque, put, put4
 from mrwarp.kernels.pd import pd_torque
 
@@ -130,7 +138,8 @@ def make_step_kernel(effects: bool) -> Any:
                     f_foot = flat(f_foot_in, env * legs + wp.max(leg_of[slot], 0))
                     may_use, held_before = float(allowed), float(0.0)
                     if command_in:
-                        may_use = wp.min(allowed, flat(command_in, k))
+                        may_use = flat(command_in, k)
+                        may_use = wp.where(may_use > allowed, allowed, may_use)
                         held_before = flat(m_hold_out, k)
                     m_dyn, m_hold, command = gated_command(
                         p, f_foot, e, qd, may_use, branch, holding, hold_current, held_before, latch
@@ -149,7 +158,7 @@ def make_step_kernel(effects: bool) -> Any:
                         s = joint_path(
                             p, x.values, own, x.memory, k, begun, q, qd, flat(z_in, k), heat, time, dt, exact
                         )
-                        current, z, sliding = s.current, s.z, s.torque
+                        current, z, predicted = s.current, s.z, s.torque
                         put(x.heat, k, stored_heat(s, x.values, own, p.coil_resistance))
                         x.newest[env, slot] = newest
                         x.params[env, slot] = p
@@ -157,7 +166,8 @@ def make_step_kernel(effects: bool) -> Any:
                         p = x.params[env, slot]
                     else:
                         z = hysteresis(p, qd, flat(z_in, k), dt, exact)
-                        current, sliding = logged, sliding_torque(p, qd, q_c, logged, z)
+                        current, predicted = logged, sliding_torque(p, qd, q_c, logged, z)
+                    sliding = predicted + unusable(q, qd, allowed, may_use)
                     held = m_hold
                     if no_foot and constraint == 1:
                         held = stuck(p, qd)
@@ -166,7 +176,7 @@ def make_step_kernel(effects: bool) -> Any:
                     sample = (k * WINDOW + row) * FEATURES
                     put4(ring_out, sample, q_c)
                     put4(ring_out, sample + 1, qd)
-                    put4(ring_out, sample + 2, logged)
+                    put4(ring_out, sample + 2, wp.abs(logged))
                     put(m_dyn_out, k, m_dyn)
                     put(m_hold_out, k, m_hold)
                     put(z_out, k, z)

@@ -32,11 +32,14 @@ def yield_torque(current: float, T_max: float, K: float, n: float) -> float:
 
 @wp.func
 def support_current(tau: float, safety_factor: float, current_max: float, T_max: float, K: float, n: float) -> float:
-    """Current [A] at which the device holds ``safety_factor*|tau|``: the inverse of eq. 18, limited to current_max."""
+    """Current [A] at which the device holds ``safety_factor*|tau|``: the inverse of eq. 18, limited to current_max.
+
+    NaN stays NaN.
+    """
     wanted = safety_factor * wp.abs(tau)
     if wanted >= T_max:
         return current_max
-    return wp.min(K * wp.pow(wanted / (T_max - wanted), 1.0 / n), current_max)
+    return clip(K * wp.pow(wanted / (T_max - wanted), 1.0 / n), current_max)
 
 
 @wp.func

@@ -4,6 +4,7 @@ import warp as wp
 
 from mrwarp.kernels.bouc_wen import bouc_wen_euler, bouc_wen_exact, bouc_wen_torque
 from mrwarp.kernels.brake import holding_need, holding_torque, oppose_velocity, support_current, yield_torque
+from mrwarp.kernels.clip import clip
 from mrwarp.kernels.gate import dynamic_gate, hold_gate
 
 
@@ -88,11 +89,12 @@ def gated_command(
 ) -> tuple[float, float, float]:
     """(m_dyn, m_hold, commanded current [A]), up to the allowed current [A]; each branch may be switched off (0).
 
-    With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping. With ``latch > 1`` a
+    With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping; a negative current
+    acts by its size. With ``latch > 1`` a
     device that was holding (``held`` = 1) goes on, regardless of eq. 5, up to ``latch`` times the speed of eq. 8.
     A negative ``allowed`` is a pulse that demagnetises the core: it flows, and the gates are closed.
     """
-    limit = wp.min(allowed, p.current_max)
+    limit = clip(allowed, p.current_max)
     if damping == UNGATED:
         return 1.0, 0.0, limit
     if limit < 0.0:
@@ -127,16 +129,26 @@ def hysteresis(p: JointParams, qd: float, z: float, dt: float, exact: int) -> fl
 
 @wp.func
 def sliding_torque(p: JointParams, qd: float, q_c: float, current: float, z: float) -> float:
-    """tau_BW of eq. 14 [N·m]."""
-    return bouc_wen_torque(qd, q_c, current, z, p.D, p.B, p.C, p.I1, p.K0, p.K1, p.alpha)
+    """tau_BW of eq. 14 [N·m]; a negative current acts by its size."""
+    return bouc_wen_torque(qd, q_c, wp.abs(current), z, p.D, p.B, p.C, p.I1, p.K0, p.K1, p.alpha)
+
+
+@wp.func
+def unusable(q: float, qd: float, allowed: float, command: float) -> float:
+    """0, and NaN where an input is none or infinite: a law whose numbers take no notice of it would go on [N·m]."""
+    return 0.0 * (q + qd) + 0.0 * (allowed + command)
 
 
 @wp.func
 def brake_bound(p: JointParams, held: float, current: float, sliding: float) -> float:
-    """Bound of the brake constraint [N·m]: the yield torque where the device is held, the sliding torque elsewhere."""
+    """Bound of the brake constraint [N·m]: the yield torque where the device is held, the sliding torque elsewhere.
+
+    NaN stays NaN.
+    """
     bound = wp.abs(sliding)
     if held > 0.0:
-        bound = wp.max(bound, yield_torque(current, p.T_max, p.K, p.n))
+        tau_y = yield_torque(current, p.T_max, p.K, p.n)
+        bound = wp.where(tau_y > bound, tau_y, bound)
     return bound
 
 

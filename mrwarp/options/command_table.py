@@ -107,6 +107,9 @@ COMMANDS: dict[str, Command | Group] = {
         "what a model gets wrong, and why: 'diagnose joint' of recordings, 'diagnose robot' of a log",
         DIAGNOSE,
     ),
+    "export": Command(
+        "run_device:ExportDevice", "a device as a C header, as Python with NumPy alone, for plain MuJoCo"
+    ),
     "device": Group("the library of identified devices, for every --model", DEVICE),
     "monitor": Command("run_fit:Monitor", "follow a device's health through a folder of calibration records"),
     "log": Group("logs of whole robots, for 'mrwarp diagnose robot'", LOG),

@@ -79,7 +79,7 @@ def late(values: wp.array3d[float], window: int, joint: int, at: int, share: flo
 @wp.func
 def device_bound(p: JointParams, strength: float, qd: float, q: float, current: float, z: float, held: int) -> float:
     """Largest torque of a device that is ``strength`` times as strong [N·m]: eq. 14, or eq. 18 where it holds more."""
-    amps = wp.max(current, 0.0)
+    amps = wp.abs(current)
     stiffness = strength * p.K1
     sliding = bouc_wen_torque(qd, displacement(p, q), amps, z, p.D, p.B, p.C, p.I1, p.K0, stiffness, p.alpha)
     bound = wp.abs(sliding)

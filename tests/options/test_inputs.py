@@ -44,6 +44,7 @@ MISSPELT = {
     "asset diff": "none.usda none.usda",
     "asset apply": "none.usda none.json",
     "asset export": "none.usda --out o.json",
+    "export": "none",
     "device make": "new --data none --results none",
     "log import": "none.bag",
     "log record": "--policy none.onnx",
