@@ -36,6 +36,8 @@ class Commands:
     """Coil current [A], shape (W, T, J)."""
     start_coil: wp.array2d[float]
     """Coil current at the start [A], shape (W, J)."""
+    gravity: wp.array3d[float]
+    """Torque that holds the links at rest [N·m], shape (W, T, J)."""
     memory: wp.array2d[float]
     """Hysteresis of each joint's device at the start [rad], shape (W, J)."""
 
@@ -54,6 +56,10 @@ class Drives:
     """Error of the drive's own angle [rad]."""
     faded: wp.array2d[float]
     """Share of the drive's last velocity that is left after a step [1]: its filter's lag."""
+    gravity: wp.array2d[float]
+    """Share of gravity's torque that the drive adds by itself [1]."""
+    sluggish: wp.array2d[float]
+    """Share of the drive's last torque that is left after a step [1]: its lag."""
     dry: wp.array2d[float]
     """Dry friction [N·m]."""
     stribeck: wp.array2d[float]
@@ -74,6 +80,16 @@ def late(values: wp.array3d[float], window: int, joint: int, at: int, share: flo
     top = values.shape[1] - 1
     now = values[window, wp.clamp(at, 0, top), joint]
     return now + share * (values[window, wp.clamp(at - 1, 0, top), joint] - now)
+
+
+@wp.func
+def asked(commands: Commands, drives: Drives, env: int, window: int, joint: int, at: int, share: float) -> float:
+    """Torque that commands and the drive's own model of gravity ask for, without feedback [N·m]."""
+    ask = late(commands.ask, window, joint, at, share)
+    ask += drives.kp[env, joint] * late(commands.ask_kp, window, joint, at, share)
+    ask += drives.kd[env, joint] * late(commands.ask_kd, window, joint, at, share)
+    weight = drives.gravity[env, joint] * late(commands.gravity, window, joint, at, share)
+    return ask + weight / wp.max(drives.strength[env, joint], 1.0e-3)
 
 
 @wp.func
@@ -149,11 +165,12 @@ def drive_kernel(
     latency_in: wp.array[float],
     qpos_in: wp.array2d[Any],
     qvel_in: wp.array2d[Any],
-    # out, shapes (E, J) three times, (E, J), (E, J, 10), (E, nv): as begin_kernel's; commands of the drives, how they
-    # answer the state, friction [N·m]
+    # out, shapes (E, J) three times, (E, J) twice, (E, J, 10), (E, nv): as begin_kernel's; lagged torque; commands of
+    # the drives, how they answer the state, friction [N·m]
     slow_out: wp.array2d[float],
     coil_out: wp.array2d[float],
     z_out: wp.array2d[float],
+    torque_out: wp.array2d[float],
     ctrl_out: wp.array2d[Any],
     bias_out: wp.array3d[Any],
     frictionloss_out: wp.array2d[Any],
@@ -168,10 +185,21 @@ def drive_kernel(
     more, strength = drives.kp[env, joint], drives.strength[env, joint]
     kp = more * late(commands.kp, window, joint, at, share)
     kd = drives.kd[env, joint] * commands.kd[window, joint]
-    ask = late(commands.ask, window, joint, at, share)
-    ask += more * late(commands.ask_kp, window, joint, at, share)
-    ask += drives.kd[env, joint] * late(commands.ask_kd, window, joint, at, share)
+    ask = asked(commands, drives, env, window, joint, at, share)
     ctrl = ask + kp * drives.shift[env, joint] + kd * (qd - slow)
+    left = drives.sluggish[env, joint]
+    if left > 0.0:
+        angle = wp.float32(qpos_in[env, q_adr[joint]])
+        torque = strength * (ctrl - kp * angle - (kd - latency_in[env] * kp) * qd)
+        before_it = torque_out[env, joint]
+        if step_in[0] == 0:  # what was asked for as long ago as the lag, of a joint that kept its speed
+            ago = left / (1.0 - left)
+            whole = int(ago)
+            then = asked(commands, drives, env, window, joint, at - whole, share)
+            before_it = torque + strength * (then - ask + kp * qd * ago * h)
+        before_it += (1.0 - left) * (torque - before_it)
+        torque_out[env, joint] = before_it
+        ctrl += (before_it - torque) / wp.max(strength, 1.0e-3)
     ctrl_out[env, joint] = ctrl_out.dtype(ctrl)
     bias_out[env, joint, 1] = bias_out.dtype(-strength * kp)
     bias_out[env, joint, 2] = bias_out.dtype(-strength * (kd - latency_in[env] * kp))

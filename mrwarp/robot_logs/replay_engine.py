@@ -60,7 +60,7 @@ class ReplayEngine:
         self._shape: tuple[int, ...] = ()
         for name in Drives.vars:
             setattr(self._own, name, self._room(float, joints))
-        self._states = [self._room(float, joints) for _ in range(3)]
+        self._states = [self._room(float, joints) for _ in range(4)]
         self._rows: dict[str, tuple[wp.array, np.ndarray]] = {}
         self._record: list[wp.array] = []
         self._graphs: dict[int, tuple[Launch, StepGraph, Launch]] = {}
@@ -79,7 +79,7 @@ class ReplayEngine:
         if self._windows is windows:
             return
         parts = dict(zip(("ask_kp", "ask_kd", "ask"), windows.feed, strict=True))
-        parts |= {name: getattr(windows, name) for name in ("kp", "kd", "coil", "start_coil", "memory")}
+        parts |= {name: getattr(windows, name) for name in ("kp", "kd", "coil", "start_coil", "memory", "gravity")}
         shape = windows.steps, *windows.kp.shape
         if shape != self._shape:
             self._shape = shape
@@ -147,7 +147,7 @@ class ReplayEngine:
         q, v, force, ctrl = (self.backend.field(name) for name in ("qpos", "qvel", "qfrc_actuator", "ctrl"))
         bias, loss = self._plain("actuator_biasprm"), self._plain("dof_frictionloss")
         h, about = self._windows.h, [self._devices, self._commands]
-        begin = record(begin_kernel, joints, [v_adr, self._commands, self._at, v], self._states)
+        begin = record(begin_kernel, joints, [v_adr, self._commands, self._at, v], self._states[:3])
         seen = record(record_kernel, robots, [v_adr, self._step, q, v, force], self._record)
         drive = record(
             drive_kernel,

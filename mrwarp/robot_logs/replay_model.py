@@ -101,6 +101,8 @@ class ReplayModel:
     """Distance from each body's joint to the furthest of what hangs on it [m], shape (B,)."""
     device: str
     """Warp device on which it is replayed."""
+    weight: np.ndarray
+    """Largest torque of gravity at each joint of a robot that is held, along the log [N·m], shape (J,); else 0."""
     sink: np.ndarray
     """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
     settings: Settings = field(default_factory=Settings)
@@ -205,6 +207,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         asked=np.minimum(_asked(log), model.actuator_forcerange[:, 1]),
         reach=_reach(model),
         device=device,
+        weight=np.zeros(len(ids)) if free else _weight(model, log, model.jnt_qposadr[ids], model.jnt_dofadr[ids]),
         sink=_sink(model, _feet(model)) if free else np.zeros(0),
     )
     many = path.suffix == ".urdf" and len(set(found.limbs.values())) >= FEWEST_LEGS
@@ -252,6 +255,30 @@ def _asked(log: RobotLog) -> np.ndarray:
             ask = np.nan_to_num(joint.get("tau_ff", 0.0)) + kp * np.nan_to_num(joint["q_des"] - joint["q"]) - kd * speed
         found = np.maximum(found, np.quantile(np.abs(ask), 0.999, axis=0))
     return found
+
+
+WEIGHED_ROWS = 200
+"""Rows of each recording by which the torque of gravity is judged."""
+
+
+def bias_torque(
+    model: mujoco.MjModel, data: mujoco.MjData, q_adr: np.ndarray, v_adr: np.ndarray, q: np.ndarray, qd: np.ndarray | float
+) -> np.ndarray:
+    """Torque of gravity and Coriolis forces at a state of the joints [N·m], shape (J,); ``data`` is then at it."""
+    data.qpos[:], data.qvel[:], found = model.qpos0, 0.0, np.zeros(model.nv)
+    data.qpos[q_adr], data.qvel[v_adr] = q, qd
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+    mujoco.mj_rne(model, data, 0, found)
+    return found[v_adr]
+
+
+def _weight(model: mujoco.MjModel, log: RobotLog, q_adr: np.ndarray, v_adr: np.ndarray) -> np.ndarray:
+    """Largest torque of gravity at each joint along the log [N·m], shape (J,)."""
+    data = mujoco.MjData(model)
+    rows = (q for run in log.runs for q in run.joint["q"][:: max(1, run.samples // WEIGHED_ROWS)])
+    return np.max([np.abs(bias_torque(model, data, q_adr, v_adr, q, 0.0)) for q in rows], axis=0)
 
 
 def _reach(model: mujoco.MjModel) -> np.ndarray:

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
-from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, ORDINARY, OUTSIDE
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, ORDINARY, OUTSIDE, SETUP
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
@@ -103,11 +103,8 @@ def diagnose_log(
     likelihood, parameters, found, size = judged.likelihood, case.parameters, judged.found, judged.size
     now = posterior(likelihood, parameters, [f.hypothesis for f in found])
     named = [_named(f, found, size, likelihood, parameters, now) for f in found]
-    causes = tuple(c for c in named if c.name not in OUTSIDE)
-    extended = np.zeros(len(parameters))
-    for cause in causes:
-        for k, change in cause.change.items():
-            extended[k] = change
+    causes = tuple(c for c in named if c.name not in (*OUTSIDE, *SETUP))
+    extended, setup = (_changes(parameters, x) for x in (causes, [c for c in named if c.name in SETUP]))
     progress("what no cause explains")
     unexplained = _outside(case, judged, named)
     holds = friction_that_holds(likelihood, case.model, log, case.groups, parameters, judged.theta)
@@ -128,9 +125,10 @@ def diagnose_log(
         per_joint={joint: _both(*errors[f"q.{joint}"]) for joint in case.model.joints},
         per_channel={name: _both(*errors[name]) for name in likelihood.sigma},
         session={p.where: float(size.size[k]) for k, p in enumerate(parameters) if p.field == "shift"},
-        notes=tuple(_notes(case, judged, causes, now)),
+        notes=tuple(_notes(case, judged, named, now)),
         parameters=tuple(parameters),
         theta=extended,
+        setup=setup,
         model=case.model,
         log=log,
         windows=tuple(case.groups),
@@ -257,10 +255,10 @@ def _sized(case: _Case, judged: _Judged) -> _Judged:
 def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict[str, tuple[float, float]]]:
     """Errors on parts that took no part, with and without the causes; without any where all together are worse.
 
-    What is outside the catalogue acts before and after.
+    What is outside the catalogue, and how drives are set up, acts before and after.
     """
     found, size, near, wide = judged.found, judged.size, judged.near, bounds_of(case.parameters)
-    foreign = [f for f in found if f.hypothesis.cause in OUTSIDE]
+    foreign = [f for f in found if f.hypothesis.cause in (*OUTSIDE, *SETUP)]
     # a floor or a delay that is a fault is no part of the session before it is reported
     usual = bounds_without(case.parameters, [f.hypothesis for f in found if f not in foreign])
     before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, bounds=usual)
@@ -277,6 +275,15 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
         gain, errors = errors_of(found, near)
     found = [replace(f, alternatives=(*f.alternatives, *judged.rivals.get(f.hypothesis, ()))) for f in found]
     return replace(judged, found=found, rejected=rejected, size=size, near=near), gain, errors
+
+
+def _changes(parameters: Sequence[Parameter], causes: Sequence[NamedCause]) -> np.ndarray:
+    """Changes of some causes, shape (P,)."""
+    found = np.zeros(len(parameters))
+    for cause in causes:
+        for k, change in cause.change.items():
+            found[k] = change
+    return found
 
 
 def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
@@ -307,6 +314,7 @@ def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplain
 def _notes(case: _Case, judged: _Judged, causes: Sequence[NamedCause], now: Posterior) -> list[str]:
     """Remarks on the log and the description that are no causes."""
     notes, parameters = [*getattr(case.log, "notes", ())], case.parameters
+    notes += [f"no fault: {cause_text(c)}" for c in causes if c.name in SETUP]
     named = {k for c in causes for k in c.change}
     for k, p in enumerate(parameters):
         value = float(judged.size.size[k] if p.cause == NUISANCE else now.mean[k])

@@ -121,6 +121,11 @@ class RobotLog:
         return float(sum(run.t[-1] - run.t[0] for run in self.runs))
 
 
+def reads_torque(log: RobotLog, run: LogRun) -> bool:
+    """Whether a recording reads the torque of drives next to what was commanded."""
+    return "tau" in run.joint and log.tau_is in ("measured", "estimate") and "q_des" in run.joint
+
+
 def is_robot_log(path: Path) -> bool:
     """Whether a path is a robot's log, in any form, rather than a recording of one joint."""
     return kind_of(path) is not None

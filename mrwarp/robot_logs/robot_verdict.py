@@ -41,6 +41,8 @@ class RobotDiagnosis(Answer):
     parameters: tuple[Parameter, ...]
     theta: np.ndarray
     """Changes of the named causes, shape (P,)."""
+    setup: np.ndarray | None = None
+    """Changes by which drives are set up otherwise than the log says, which are no faults, shape (P,)."""
     model: ReplayModel
     log: RobotLog
     windows: tuple[Windows, ...]

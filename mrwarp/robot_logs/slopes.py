@@ -162,7 +162,7 @@ def slopes_of(
     """
     replay = Replay(model, _long_steps(windows))
     steps, count, drawn = nuisances(model), windows.count, {} if model.free else _sums(windows, parameters)
-    own = [k for k in range(len(parameters)) if k not in drawn]
+    own = [k for k, p in enumerate(parameters) if k not in drawn and p.declared.reads is None]
     central = [i for i, k in enumerate(own) if parameters[k].declared.central]
     width = np.array([(CENTRAL_SHARE if p.declared.central else 1.0) * p.step for p in parameters])
     ahead, total = np.diag(width)[own], len(own)
@@ -192,6 +192,7 @@ def slopes_of(
     j[own] = rise[:total] / width[own, None, None].astype(np.float32)
     for k, gains in drawn.items():
         j[k] = j[gains].sum(axis=0)
+    _of_readings(j, windows, parameters, theta, layout, x[-1])
     if model.free:
         z = np.concatenate([z, _wandering(windows)])
     for values in (j, z):
@@ -199,6 +200,43 @@ def slopes_of(
     base = np.where(np.isnan(side_by_side(mismatch(seen, seen))), 0.0, x[-1])
     j, z = (np.ascontiguousarray(values.swapaxes(0, 1)) for values in (j, z))
     return Slopes(layout=layout, j=j, z=z, windows=replay.windows, base=base)
+
+
+def _of_readings(
+    j: np.ndarray,
+    windows: Windows,
+    parameters: list[Parameter],
+    theta: np.ndarray,
+    layout: dict[str, tuple[int, int]],
+    left: np.ndarray,
+) -> None:
+    """Write derivatives by what acts on readings of the torque alone, in j (P, W, N); ``left`` (W, N) is at ``theta``.
+
+    They follow from the torque that is replayed there, without a replay of their own.
+    """
+    if "tau" not in layout:
+        return
+    names = list(layout)
+    first = sum(samples * columns for samples, columns in list(layout.values())[: names.index("tau")])
+    samples, columns = layout["tau"]
+    own = slice(first, first + samples * columns)
+    torque = windows.measured["tau"] - left[:, own].reshape(windows.count, samples, columns)
+    gravity, reading = windows.gravity_read, [k for k, p in enumerate(parameters) if p.declared.reads is not None]
+    nothing, one = np.zeros_like(torque), np.ones_like(torque)
+    add, times = nothing.copy(), one.copy()
+    for k in reading:
+        p, reads = parameters[k], parameters[k].declared.reads
+        assert reads is not None
+        at_rest = reads(nothing, gravity)[..., p.index]
+        add[..., p.index] += theta[k] * at_rest
+        times[..., p.index] += theta[k] * (reads(one, gravity)[..., p.index] - at_rest)
+    torque = (torque - add) / times
+    for k in reading:
+        p, reads = parameters[k], parameters[k].declared.reads
+        assert reads is not None
+        found = np.zeros_like(torque)
+        found[..., p.index] = reads(torque, gravity)[..., p.index]
+        j[k][:, own] = found.reshape(windows.count, -1)
 
 
 def _sums(windows: Windows, parameters: list[Parameter]) -> dict[int, list[int]]:

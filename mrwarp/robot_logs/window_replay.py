@@ -16,7 +16,7 @@ from mrwarp.enums import BackendKind
 from mrwarp.robot_logs.causes.cause import Replayed
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.places import PLACES
-from mrwarp.robot_logs.causes.robot_causes import ACTING
+from mrwarp.robot_logs.causes.robot_causes import ACTING, READS
 from mrwarp.robot_logs.replay_engine import ReplayEngine
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
 from mrwarp.robot_logs.windows import Windows, mismatch, product, quaternion, side_by_side, turned
@@ -195,7 +195,8 @@ class _Stepper:
         )
         for cause, acts in ACTING:
             acts(replayed, field(cause.field, PLACES[cause.place].columns(m)))
-        lag, coil_lag = np.maximum(field("lag"), 0.0), m.devices.of_joints("coil_time_constant", joints)
+        lag, sluggish = (np.maximum(field(name), 0.0) for name in ("lag", "torque_lag"))
+        coil_lag = m.devices.of_joints("coil_time_constant", joints)
         engine.window[:count] = w
         # commands reach no further than those that were cut out around the window
         engine.delay[:count] = np.clip(field("delay", 1)[:, 0] / windows.h, 1.0 - windows.before, windows.before - 1.0)
@@ -206,6 +207,8 @@ class _Stepper:
             "strength": strength,
             "shift": field("shift") - field("offset"),
             "faded": lag / (lag + windows.h),  # late by the lag at any step
+            "gravity": field("gravity"),
+            "sluggish": sluggish / (sluggish + windows.h),
             "dry": np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0),
             "stribeck": field("stribeck"),
             "alive": np.maximum(1.0 + field("coil"), 0.0),
@@ -375,7 +378,7 @@ class _Stepper:
                 step = float(np.median(np.diff(windows.t[0])))
                 yield name, _lagged(found, lag / step) if lag.any() else found
             elif name == "tau":
-                yield name, at_samples(torque)
+                yield name, read_torque(at_samples(torque), windows.gravity_read[w], field)
             elif name == "current":
                 yield name, self._currents(w, field)
             elif name == "gyro":
@@ -412,6 +415,11 @@ class _Stepper:
                 )
             found[e][:, at] = self._coils[known]
         return found
+
+
+def read_torque(torque: np.ndarray, gravity: np.ndarray, field: Callable[[str], np.ndarray]) -> np.ndarray:
+    """Readings of the torque channel, of drives' torques and those of gravity, shapes (E, S, J)."""
+    return torque + sum(field(cause.field)[:, None] * reads(torque, gravity) for cause, reads in READS)
 
 
 def _coil_current(

@@ -11,9 +11,10 @@ import warp as wp
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_filter
 
+from mrwarp.robot_logs.channels.joint_torque import gravity_along
 from mrwarp.robot_logs.drive_kernel import memory_kernel
 from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel, Stance
-from mrwarp.robot_logs.robot_log import LARGEST_GAP, LogRun, RobotLog
+from mrwarp.robot_logs.robot_log import LARGEST_GAP, LogRun, RobotLog, reads_torque
 
 SECONDS = {"fixed": 0.6, "free": 0.3, "driven": 0.3}
 """Length of a window [s]. In the air errors fade with the drives' damping; a legged robot's grow, and nothing brings
@@ -72,6 +73,10 @@ class Windows:
     """Whether each of the model's feet bears load at the start, shape (W, F)."""
     measured: dict[str, np.ndarray]
     """Readings by channel, shape (W, S, C)."""
+    gravity: np.ndarray
+    """Torque that holds the links of a held robot at rest [N·m], at the steps of ``feed``, shape (W, K + 2*M, J)."""
+    gravity_read: np.ndarray
+    """The same at the samples, shape (W, S, J)."""
     memory: np.ndarray
     """Hysteresis of each joint's device at the start [rad], by the motion since its run began, shape (W, J)."""
 
@@ -96,6 +101,7 @@ class Windows:
             before=self.before // times,
             feed=mean(self.feed, 2),
             coil=mean(self.coil, 1),
+            gravity=mean(self.gravity, 1),
             kp=mean(self.kp, 1),
         )
 
@@ -179,7 +185,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         name: []
         for name in (
             "run", "start", "t", "feed", "coil", "coil_rows", "coil_t", "start_coil", "kp", "kd", "q", "qd", "root",
-            "memory", "loaded",
+            "memory", "loaded", "gravity", "gravity_read",
         )
     }  # fmt: skip
     beyond = int(np.ceil(longest_delay / dt)) + 1
@@ -191,6 +197,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         coil = np.nan_to_num(run.joint.get("current_cmd", run.joint.get("current", np.zeros(speed.shape))))
         flowing = np.nan_to_num(run.joint.get("current", coil))
         begin = _roots(model, run, speed) if log.base == "free" else np.zeros((run.samples, 13))
+        gravity = np.zeros(speed.shape) if log.base == "free" else gravity_along(model, run.joint["q"])
         readings, loaded, memory = _readings(log, run), _loaded(model, run), _memory(model, run, speed)
         for s in starts:
             t = run.t[s : s + count] - run.t[s]
@@ -202,6 +209,8 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             rows["feed"].append(np.stack([held_rows(x, run.t, grid, h) for x in feed]))
             rows["kp"].append(held_rows(kp, run.t, grid, h))
             rows["coil"].append(held_rows(coil, run.t, grid, h))
+            rows["gravity"].append(held_rows(gravity, run.t, grid, h))
+            rows["gravity_read"].append(gravity[s : s + count])
             near = np.clip(s + around, 0, run.samples - 1)
             rows["coil_rows"].append(coil[near])
             rows["coil_t"].append(run.t[near] - run.t[s])
@@ -293,7 +302,7 @@ def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:
         found["qd"] = run.joint["qd"]
     if "current" in run.joint and "current_cmd" in run.joint:
         found["current"] = run.joint["current"]
-    if "tau" in run.joint and log.tau_is in ("measured", "estimate") and "q_des" in run.joint:
+    if reads_torque(log, run):
         found["tau"] = run.joint["tau"]
     for name in ("quat", "gyro", "pos", "vel"):
         if log.base == "free" and name in run.base:

@@ -93,6 +93,11 @@ class Cause:
     outside: str = ""
     """Of an effect outside the catalogue of what a verdict names the words before its place: it is tried, for else it
     would be blamed on a cause, and reported as unexplained."""
+    setup: bool = False
+    """Whether it is how drives are set up and no fault: a log's commands need not have it."""
+    reads: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    """Of a cause that acts on readings of the torque channel alone: what one unit of it adds to them, from the drive's
+    torque and that of gravity; all of the same shape."""
     shared: bool = False
     """Whether all joints may have it at once, by one number of a configuration, one supply, one make of drive."""
     made_of: tuple[str, str] | tuple[()] = ()

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.robot_log import RobotLog
+from mrwarp.robot_logs.robot_log import RobotLog, reads_torque
 
 Kind = Literal["joint", "commands", "imu", "body", "trunk", "trunk_axis", "lean", "gyro", "robot", "foot", "pull"]
 """Kinds of places, see :data:`PLACES`."""
@@ -44,6 +44,16 @@ class Place:
         """Inertia that the joint ``index`` moves [kg·m²]."""
         mj, v = self.model.model, self.dof
         return float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
+
+    @cached_property
+    def weight(self) -> float:
+        """Largest torque of gravity at joint ``index`` along the log of a robot that is held [N·m]."""
+        return float(self.model.weight[self.index])
+
+    @property
+    def reads_torque(self) -> bool:
+        """Whether the log reads the torque of joint ``index`` next to its command."""
+        return any(reads_torque(self.log, run) and np.isfinite(run.joint["tau"][:, self.index]).all() for run in self.log.runs)
 
     @property
     def device(self) -> bool:

@@ -11,6 +11,7 @@ FILES = (
     "of_drives",
     "of_devices",
     "of_timing",
+    "of_channels",
     "of_links",
     "of_ground",
     "of_outside",
@@ -30,6 +31,12 @@ NUISANCES: dict[str, Cause] = {cause.field: cause for cause in DECLARED if cause
 
 ORDINARY = tuple(name for name, cause in CATALOGUE.items() if cause.ordinary)
 """Numbers that descriptions rarely know: fitted in every case, and named where the log excludes the description."""
+
+SETUP = tuple(name for name, cause in CATALOGUE.items() if cause.setup)
+"""How a robot's drives are set up, which is no fault: acts in each replay, and is said in a note."""
+
+READS = tuple((cause, cause.reads) for cause in CATALOGUE.values() if cause.reads is not None)
+"""Causes that act on readings of the torque channel alone."""
 
 OUTSIDE = tuple(name for name, cause in CATALOGUE.items() if cause.outside)
 """Effects that are tried, and reported as unexplained."""

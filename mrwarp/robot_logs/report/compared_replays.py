@@ -44,6 +44,7 @@ class Compared:
 def compare(d: RobotDiagnosis) -> list[Compared]:
     """Replay every window twice, both with the session's offsets; one entry per group of windows."""
     plain = np.array([d.session.get(p.where, 0.0) if p.field == "shift" else 0.0 for p in d.parameters])
+    plain = plain if d.setup is None else plain + d.setup
     begins = np.cumsum([0.0, *(run.t[-1] for run in d.log.runs)])
     found = []
     for windows in d.windows:

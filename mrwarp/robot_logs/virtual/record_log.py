@@ -200,7 +200,7 @@ def _tilt(robot: TrueRobot) -> np.ndarray:
 
 def _row(robot: TrueRobot, seen: Readings) -> dict[str, np.ndarray]:
     """One row without noise."""
-    found = {"q": robot.q, "qd": robot.speed, "tau": robot.torque, "current": robot.coil}
+    found = {"q": robot.q, "qd": robot.speed, "tau": robot.torque_reading, "current": robot.coil}
     if robot.fixed:
         return found
     data, tilt, turn = robot.data, _tilt(robot), np.zeros(9)

@@ -64,6 +64,8 @@ class _Faults:
         j, m = self.joints, self.devices
         self.strength, self.cap = np.ones(j), np.full(j, np.inf)
         self.kp, self.kd, self.offset, self.lag, self.stribeck = np.ones(j), np.ones(j), *np.zeros((3, j))
+        self.torque_lag, self.compensated, self.tau_offset, self.tau_gravity = np.zeros((4, j))
+        self.tau_gain = np.ones(j)
         self.dead, self.memoryless = np.zeros(m, bool), np.zeros(m, bool)
         self.coil_lag, self.device, self.drag = np.zeros(m), np.ones(m), np.zeros(m)
 
@@ -123,6 +125,9 @@ class TrueRobot:
         arrays = {
             "motor_strength": found.strength, "torque_limit": found.cap, "kp": found.kp, "kd": found.kd,
             "encoder_offset": found.offset, "velocity_lag": found.lag, "stribeck": found.stribeck,
+            "torque_lag": found.torque_lag, "gravity_compensation": found.compensated,
+            "torque_channel_offset": found.tau_offset, "torque_channel_gain": found.tau_gain,
+            "torque_channel_gravity": found.tau_gravity,
         }  # fmt: skip
         of_devices = {
             "coil_dead": found.dead, "hysteresis_law": found.memoryless, "coil_lag": found.coil_lag,
@@ -269,6 +274,24 @@ class TrueRobot:
         """Readings of the encoders at the motors [rad]."""
         return self.data.qpos[self.q_adr] + self.faults.offset + self.encoder_zero
 
+    @property
+    def gravity(self) -> np.ndarray:
+        """Torque of gravity at the joints, by its own links, as if nothing touched them [N·m], shape (J,)."""
+        model, still = self.model, mujoco.MjData(self.model)
+        still.qpos[:] = self.data.qpos
+        mujoco.mj_kinematics(model, still)
+        mujoco.mj_comPos(model, still)
+        found = np.zeros(model.nv)
+        mujoco.mj_rne(model, still, 0, found)
+        return found[self.v_adr]
+
+    @property
+    def torque_reading(self) -> np.ndarray:
+        """Reading of the torque channel [N·m], shape (J,)."""
+        f = self.faults
+        weight = f.tau_gravity * self.gravity if f.tau_gravity.any() else 0.0
+        return f.tau_gain * self.torque + f.tau_offset + weight
+
     def foot_forces(self) -> np.ndarray:
         """Norm of the contact force of each foot [N], shape (L,)."""
         found, wrench = np.zeros(len(self.feet)), np.zeros(6)
@@ -300,8 +323,12 @@ class TrueRobot:
         self.speed += lag * (qd - self.speed)
         error = c.q_des - self.q + self.drive_zero
         torque = f.kp * c.kp * error - f.kd * c.kd * self.speed
+        if f.compensated.any():
+            torque = torque + f.compensated * self.gravity
         limit = self.description.limit
-        self.torque = np.clip(f.strength * np.clip(torque, -limit, limit), -f.cap, f.cap)
+        torque = np.clip(f.strength * np.clip(torque, -limit, limit), -f.cap, f.cap)
+        late = np.where(f.torque_lag > 0.0, 1.0 - np.exp(-STEP / np.maximum(f.torque_lag, 1e-6)), 1.0)
+        self.torque = self.torque + late * (torque - self.torque)
         data.qfrc_applied[self.v_adr] = self.torque
         dry = self.friction + f.stribeck * np.exp(-((qd / STRIBECK_SPEED) ** 2))
         if len(self._slot):
