@@ -52,6 +52,9 @@ SIZES: dict[str, tuple[str, str]] = {
     "gyro_bias": ("robot", "0,0,0.1"), "ground_friction": ("robot", "0.2"), "ground_slope": ("robot", "0,0.03"),
     "ground_stiffness": ("robot", "0.05"), "coil_dead": ("device", ""), "coil_lag": ("device", "0.03"),
     "device_strength": ("device", "0.6"), "device_drag": ("device", "0.8"), "hysteresis_law": ("device", ""),
+    "command_lag": ("joint", "0.012"), "torque_lag": ("joint", "0.012"), "gravity_compensation": ("joint", "1.0"),
+    "torque_channel_offset": ("joint", "1.0"), "torque_channel_gain": ("joint", "0.7"),
+    "torque_channel_gravity": ("joint", "-1.0"),
 }  # fmt: skip
 """Places of each cause, and the size from which it is a fault; it is larger where that is less than ``--level``."""
 

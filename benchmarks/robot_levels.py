@@ -31,7 +31,7 @@ TOLERANCE = 0.1
 _STEPS, _WIDEST = 8, 2.0
 """Most steps of the search for a size, and the largest factor between two of them."""
 
-FACTORS = ("motor_strength", "kp", "kd", "device_strength")
+FACTORS = ("motor_strength", "kp", "kd", "device_strength", "torque_channel_gain")
 """Causes whose size is a factor that is added to."""
 
 

@@ -60,6 +60,8 @@ class Drives:
     """Share of gravity's torque that the drive adds by itself [1]."""
     sluggish: wp.array2d[float]
     """Share of the drive's last torque that is left after a step [1]: its lag."""
+    smoothed: wp.array2d[float]
+    """Share of the last command that is left after a step [1]: its lag."""
     dry: wp.array2d[float]
     """Dry friction [N·m]."""
     stribeck: wp.array2d[float]
@@ -84,12 +86,39 @@ def late(values: wp.array3d[float], window: int, joint: int, at: int, share: flo
 
 @wp.func
 def asked(commands: Commands, drives: Drives, env: int, window: int, joint: int, at: int, share: float) -> float:
-    """Torque that commands and the drive's own model of gravity ask for, without feedback [N·m]."""
+    """Torque that commands ask for, without feedback [N·m]."""
     ask = late(commands.ask, window, joint, at, share)
     ask += drives.kp[env, joint] * late(commands.ask_kp, window, joint, at, share)
     ask += drives.kd[env, joint] * late(commands.ask_kd, window, joint, at, share)
-    weight = drives.gravity[env, joint] * late(commands.gravity, window, joint, at, share)
-    return ask + weight / wp.max(drives.strength[env, joint], 1.0e-3)
+    return ask
+
+
+@wp.func
+def smoothed(
+    commands: Commands,
+    drives: Drives,
+    env: int,
+    window: int,
+    joint: int,
+    at: int,
+    share: float,
+    step: int,
+    before: int,
+    ask: float,
+    memory: wp.array2d[float],
+) -> float:
+    """What commands ask for, ``ask``, behind a first-order lag [N·m]; ``memory`` (E, J) holds it from step to step."""
+    kept = drives.smoothed[env, joint]
+    if kept <= 0.0:
+        return ask
+    behind = memory[env, joint]
+    if step == 0:
+        behind = asked(commands, drives, env, window, joint, at - before, share)
+        for k in range(1, before):
+            behind += (1.0 - kept) * (asked(commands, drives, env, window, joint, at - before + k, share) - behind)
+    behind += (1.0 - kept) * (ask - behind)
+    memory[env, joint] = behind
+    return behind
 
 
 @wp.func
@@ -165,11 +194,12 @@ def drive_kernel(
     latency_in: wp.array[float],
     qpos_in: wp.array2d[Any],
     qvel_in: wp.array2d[Any],
-    # out, shapes (E, J) three times, (E, J) twice, (E, J, 10), (E, nv): as begin_kernel's; lagged torque; commands of
-    # the drives, how they answer the state, friction [N·m]
+    # out, shapes (E, J) six times, (E, J, 10), (E, nv): as begin_kernel's; lagged command and torque; commands of the
+    # drives, how they answer the state, friction [N·m]
     slow_out: wp.array2d[float],
     coil_out: wp.array2d[float],
     z_out: wp.array2d[float],
+    ask_out: wp.array2d[float],
     torque_out: wp.array2d[float],
     ctrl_out: wp.array2d[Any],
     bias_out: wp.array3d[Any],
@@ -182,24 +212,25 @@ def drive_kernel(
     qd = wp.float32(qvel_in[env, v_adr[joint]])
     slow = qd + drives.faded[env, joint] * (slow_out[env, joint] - qd)
     slow_out[env, joint] = slow
-    more, strength = drives.kp[env, joint], drives.strength[env, joint]
+    more, strength = drives.kp[env, joint], wp.max(drives.strength[env, joint], 1.0e-3)
     kp = more * late(commands.kp, window, joint, at, share)
     kd = drives.kd[env, joint] * commands.kd[window, joint]
     ask = asked(commands, drives, env, window, joint, at, share)
-    ctrl = ask + kp * drives.shift[env, joint] + kd * (qd - slow)
+    ctrl = smoothed(commands, drives, env, window, joint, at, share, step_in[0], before, ask, ask_out)
+    ctrl += drives.gravity[env, joint] * late(commands.gravity, window, joint, before + step_in[0], 0.0) / strength
+    ctrl += kp * drives.shift[env, joint] + kd * (qd - slow)
     left = drives.sluggish[env, joint]
     if left > 0.0:
         angle = wp.float32(qpos_in[env, q_adr[joint]])
         torque = strength * (ctrl - kp * angle - (kd - latency_in[env] * kp) * qd)
-        before_it = torque_out[env, joint]
+        behind = torque_out[env, joint]
         if step_in[0] == 0:  # what was asked for as long ago as the lag, of a joint that kept its speed
             ago = left / (1.0 - left)
-            whole = int(ago)
-            then = asked(commands, drives, env, window, joint, at - whole, share)
-            before_it = torque + strength * (then - ask + kp * qd * ago * h)
-        before_it += (1.0 - left) * (torque - before_it)
-        torque_out[env, joint] = before_it
-        ctrl += (before_it - torque) / wp.max(strength, 1.0e-3)
+            then = asked(commands, drives, env, window, joint, at - int(ago), share)
+            behind = torque + strength * (then - ask + kp * qd * ago * h)
+        behind += (1.0 - left) * (torque - behind)
+        torque_out[env, joint] = behind
+        ctrl += (behind - torque) / strength
     ctrl_out[env, joint] = ctrl_out.dtype(ctrl)
     bias_out[env, joint, 1] = bias_out.dtype(-strength * kp)
     bias_out[env, joint, 2] = bias_out.dtype(-strength * (kd - latency_in[env] * kp))

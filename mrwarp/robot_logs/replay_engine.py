@@ -60,7 +60,7 @@ class ReplayEngine:
         self._shape: tuple[int, ...] = ()
         for name in Drives.vars:
             setattr(self._own, name, self._room(float, joints))
-        self._states = [self._room(float, joints) for _ in range(4)]
+        self._states = [self._room(float, joints) for _ in range(5)]
         self._rows: dict[str, tuple[wp.array, np.ndarray]] = {}
         self._record: list[wp.array] = []
         self._graphs: dict[int, tuple[Launch, StepGraph, Launch]] = {}

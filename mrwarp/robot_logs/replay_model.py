@@ -262,7 +262,12 @@ WEIGHED_ROWS = 200
 
 
 def bias_torque(
-    model: mujoco.MjModel, data: mujoco.MjData, q_adr: np.ndarray, v_adr: np.ndarray, q: np.ndarray, qd: np.ndarray | float
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    q_adr: np.ndarray,
+    v_adr: np.ndarray,
+    q: np.ndarray,
+    qd: np.ndarray | float,
 ) -> np.ndarray:
     """Torque of gravity and Coriolis forces at a state of the joints [N·m], shape (J,); ``data`` is then at it."""
     data.qpos[:], data.qvel[:], found = model.qpos0, 0.0, np.zeros(model.nv)

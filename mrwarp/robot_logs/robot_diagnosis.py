@@ -35,6 +35,7 @@ from mrwarp.robot_logs.selection import (
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
+from mrwarp.sysid.gate import Change, impossible, refused
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import (
     NOT_CHECKED,
@@ -248,14 +249,26 @@ def _sized(case: _Case, judged: _Judged) -> _Judged:
     likely, other = likelier(found, size.size, case.parameters, case.model.settings.robot.rival_odds)
     if [f.hypothesis for f in likely] != [f.hypothesis for f in found]:
         size, near = _alone(case, judged, likely, other)
-    rejected = {**judged.rejected, **dict.fromkeys(unclear, NOT_CLEAR)}
+    rejected = {**judged.rejected, **{f: _unclear(f, case, judged) for f in unclear}}
     return replace(judged, found=likely, rejected=rejected, size=size, near=near)
 
 
-def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict[str, tuple[float, float]]]:
-    """Errors on parts that took no part, with and without the causes; without any where all together are worse.
+def _unclear(f: Found, case: _Case, judged: _Judged) -> str:
+    """Why a cause's size is none of a fault."""
+    p = case.parameters[f.hypothesis.members[0]]
+    size = float(
+        sizes(judged.likelihood.normal_equations(), case.parameters, [f.hypothesis], *bounds_of(case.parameters))[
+            f.hypothesis.members[0]
+        ]
+    )
+    return impossible(size, p.possible, p.unit) or NOT_CLEAR
 
-    What is outside the catalogue, and how drives are set up, acts before and after.
+
+def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict[str, tuple[float, float]]]:
+    """Errors on parts that took no part, with and without the causes.
+
+    Causes that do not pass the gate go, the one that explains least first. What is outside the catalogue, and how
+    drives are set up, acts before and after.
     """
     found, size, near, wide = judged.found, judged.size, judged.near, bounds_of(case.parameters)
     foreign = [f for f in found if f.hypothesis.cause in (*OUTSIDE, *SETUP)]
@@ -263,16 +276,24 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
     usual = bounds_without(case.parameters, [f.hypothesis for f in found if f not in foreign])
     before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, bounds=usual)
 
-    def errors_of(found: list[Found], near: Likelihood) -> tuple[Gain, dict[str, tuple[float, float]]]:
+    def errors_of(
+        found: list[Found], near: Likelihood
+    ) -> tuple[Gain, dict[str, tuple[float, float]], dict[str, Change]]:
         own = ([f.hypothesis for f in foreign], before[1], usual), ([f.hypothesis for f in found], near, wide)
         return held_out(case.model, case.groups, judged.likelihood, case.parameters, *own)
 
-    rejected, (gain, errors) = judged.rejected, errors_of(found, near)
-    if gain.ci95[1] < 0.0:  # each was clear, but with them all together the replay is worse
-        rejected = {**rejected, **{f: NOT_PREDICTED for f in found if f not in foreign}}
-        found, usual = foreign, wide
-        size, near = before = _alone(case, judged, foreign)
-        gain, errors = errors_of(found, near)
+    rejected, (gain, errors, channels) = judged.rejected, errors_of(found, near)
+    while len(found) > len(foreign) and (why := refused(gain.ci95, channels, case.model.settings.robot.worse)):
+        weakest = min(
+            (f for f in found if f not in foreign),
+            key=lambda f: _explains(f, found, judged.likelihood, case.parameters),
+        )
+        found, rejected = [f for f in found if f is not weakest], {**rejected, weakest: why}
+        if len(found) == len(foreign):
+            usual = wide
+            before = _alone(case, judged, foreign)
+        size, near = before if len(found) == len(foreign) else _alone(case, judged, found)
+        gain, errors, channels = errors_of(found, near)
     found = [replace(f, alternatives=(*f.alternatives, *judged.rivals.get(f.hypothesis, ()))) for f in found]
     return replace(judged, found=found, rejected=rejected, size=size, near=near), gain, errors
 
@@ -402,23 +423,30 @@ def _named(
     others = [x.hypothesis for x in found if x is not f]
     first = parameters[own_members(f.hypothesis, others)[0]]
     mean, half = size.of(f.hypothesis, [x.hypothesis for x in found], now, parameters)
-    mean, half = mean - first.declared.own, half + first.declared.own
+    mean, half = mean - first.declared.own, half + first.declared.own + first.unsure
     name, where, values = f.hypothesis.cause, f.hypothesis.where, _values(first, mean, half)
     if first.declared.if_negative and mean < 0.0:
         name, where, number = first.declared.if_negative
         values = {number: Value(value=-mean, ci95=(-mean - half, -mean + half), unit=first.unit)}
-    full = likelihood.at(now.mean)
-    without = posterior(likelihood, parameters, others).mean.copy()
-    without[list(f.hypothesis.members)] = 0.0
     return NamedCause(
         name=name,
         where=where,
         parameters=values,
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
         alternatives=tuple(dict.fromkeys(_place(d, f.hypothesis.where) for d in f.alternatives)),
-        gain=float(max(1.0 - full / max(likelihood.at(without), 1e-12), 0.0)),
+        gain=_explains(f, found, likelihood, parameters, now),
         change={k: float(size.size[k]) for k in f.hypothesis.members},
     )
+
+
+def _explains(
+    f: Found, found: list[Found], likelihood: Likelihood, parameters: list[Parameter], now: Posterior | None = None
+) -> float:
+    """Share of the squared mismatch that a cause takes away next to the others [1]; ``now`` is with all of them."""
+    now = now or posterior(likelihood, parameters, [x.hypothesis for x in found])
+    without = posterior(likelihood, parameters, [x.hypothesis for x in found if x is not f]).mean.copy()
+    without[list(f.hypothesis.members)] = 0.0
+    return float(max(1.0 - likelihood.at(now.mean) / max(likelihood.at(without), 1e-12), 0.0))
 
 
 def _place(hypothesis: Hypothesis, here: str) -> str:

@@ -28,12 +28,16 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.sysid.certainty import agreement, clearness
+from mrwarp.sysid.gate import Change
 from mrwarp.sysid.jackknife import student, sum_and_error
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, predicted
 from mrwarp.sysid.plant import Listed
 from mrwarp.sysid.stepwise import eliminated
 from mrwarp.sysid.verdict import Gain
+
+JUDGED = ("q", "qd", "tau")
+"""Channels that no cause may make worse."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +120,9 @@ def clear_ones(
     parameters: list[Parameter],
     alone: Callable[[list[Found]], tuple[Sizes, Likelihood]],
 ) -> tuple[list[Found], list[Found], Sizes, Likelihood]:
-    """Causes whose 95 % intervals exclude the sizes of healthy robots, and the others, the least clear taken out first.
+    """Causes of sizes that a body can have and healthy robots have not, and the others; the least clear go first.
+
+    Sizes count by their 95 % intervals.
 
     ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
     """
@@ -129,7 +135,8 @@ def clear_ones(
         for d in free:
             own, half = size.of(d, free, now, parameters)
             own -= common(d, free, size.size)
-            clear.append(clearness(own, half, parameters[d.members[0]].usual))
+            possible = abs(own) <= parameters[d.members[0]].possible
+            clear.append(clearness(own, half, parameters[d.members[0]].usual) if possible else 0.0)
         return clear
 
     found, rejected = eliminated(Listed(), found, certainty)
@@ -226,14 +233,15 @@ def held_out(
     likelihood: Likelihood,
     parameters: list[Parameter],
     *fits: tuple[list[Hypothesis], Likelihood, tuple[np.ndarray, np.ndarray]],
-) -> tuple[Gain, dict[str, tuple[float, float]]]:
+) -> tuple[Gain, dict[str, tuple[float, float]], dict[str, Change]]:
     """Error of the replay on parts of the log that took no part, before and after, both with their session's offsets.
 
     ``fits`` are the causes of each, the likelihood about its fit, and its bounds.
 
     Returns:
         Reduction of the weighted error from each window's best start, with its interval over parts; and errors before
-        and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
+        and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start. And
+        the changes of :data:`JUDGED` channels over parts.
     """
     count = likelihood.settings.robot.parts
     parts, both = in_a_row(len(likelihood.square), count), []
@@ -253,10 +261,13 @@ def held_out(
     half = student(0.95, max(len(each) - 1, 1)) * sum_and_error(each)[1] / len(each)
     total = np.sqrt(by_part.sum(axis=0) / (whole.sum() * samples))
     value = float(1.0 - total[1] / max(total[0], 1e-12))
-    errors = {"all": (float(total[0]), float(total[1]))}
+    errors, changes = {"all": (float(total[0]), float(total[1]))}, {}
     for name in both[0][1]:
         before, after = (np.sqrt(squares[name][whole].mean(axis=0)) for _, squares in both)
         errors[name] = (float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean())))
+        if name in JUDGED:
+            own = [part[whole[part]] for part in parts if whole[part].any()]
+            changes[name] = Change.of(*(np.array([x[name][k].mean() for k in own]) for _, x in both))
         if name == "q":
             errors |= {f"q.{j}": (float(before[k]), float(after[k])) for k, j in enumerate(model.joints)}
-    return Gain(rmse_reduction=value, ci95=(value - half, value + half), held_out=tuple(range(count))), errors
+    return Gain(rmse_reduction=value, ci95=(value - half, value + half), held_out=tuple(range(count))), errors, changes

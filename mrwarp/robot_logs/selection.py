@@ -260,13 +260,39 @@ class RobotSearch(Listed[Found]):
     def settled(self, found: list[Found]) -> list[Found]:
         """One cause of a drive in place of two; and what the description has wrong in any case."""
         wrong = _described_wrong(self.likelihood, self.parameters, [f.hypothesis for f in found])
-        return _simplest_drive([*found, *wrong], self.likelihood, self.parameters, self.confirmed)
+        found = _simplest_drive([*found, *wrong], self.likelihood, self.parameters, self.confirmed)
+        return [_with_rivals(f, found, self.likelihood, self.parameters) for f in found]
 
     def recurs(self, found: list[Found]) -> list[float]:
         """How certain causes are with windows as the units."""
         free = [f.hypothesis for f in found]
         now = posterior(self.likelihood, self.parameters, free)
         return [_recurrence(d, now, self.parameters, free) / self.settings.recurrence for d in free]
+
+
+def _with_rivals(f: Found, found: list[Found], likelihood: Likelihood, parameters: Sequence[Parameter]) -> Found:
+    """A cause with those of its declared rivals as alternatives with which the log is nearly as likely in its place."""
+    own, others = f.hypothesis, [x.hypothesis for x in found if x is not f]
+    names = CATALOGUE[own.cause].rivals
+    rivals = [d for d in hypotheses_of(parameters) if d.cause in names and d not in others and _overlap(d, own)]
+    if not rivals:
+        return f
+    a, b = likelihood.normal_equations()
+
+    def unlikely(free: Hypothesis) -> float:
+        low, high = bounds_without(parameters, [] if free is own else [own])
+        q = prior_of(parameters, [*others, free])
+        x, _ = minimum_within(a + q, b, low, high)
+        return float(x @ (a + q) @ x - 2.0 * b @ x)
+
+    here = unlikely(own)
+    near = [d for d in rivals if 0.5 * (unlikely(d) - here) < likelihood.settings.robot.rival_odds]
+    return replace(f, alternatives=tuple(dict.fromkeys([*f.alternatives, *near])))
+
+
+def _overlap(d: Hypothesis, own: Hypothesis) -> bool:
+    """Whether two hypotheses are of the same place, or one of them of the robot."""
+    return d.where == own.where or "robot" in (d.where, own.where)
 
 
 def _simplest_drive(

@@ -195,7 +195,7 @@ class _Stepper:
         )
         for cause, acts in ACTING:
             acts(replayed, field(cause.field, PLACES[cause.place].columns(m)))
-        lag, sluggish = (np.maximum(field(name), 0.0) for name in ("lag", "torque_lag"))
+        lag, sluggish, smoothed = (np.maximum(field(name), 0.0) for name in ("lag", "torque_lag", "command_lag"))
         coil_lag = m.devices.of_joints("coil_time_constant", joints)
         engine.window[:count] = w
         # commands reach no further than those that were cut out around the window
@@ -209,6 +209,7 @@ class _Stepper:
             "faded": lag / (lag + windows.h),  # late by the lag at any step
             "gravity": field("gravity"),
             "sluggish": sluggish / (sluggish + windows.h),
+            "smoothed": smoothed / (smoothed + windows.h),
             "dry": np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0),
             "stribeck": field("stribeck"),
             "alive": np.maximum(1.0 + field("coil"), 0.0),

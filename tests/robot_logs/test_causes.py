@@ -24,7 +24,7 @@ SPOKEN_OF = {
     **dict.fromkeys(
         ("extended_robot.py", "replay_engine.py", "replay_model.py", "robot_log.py", "windows.py"), {"kp", "kd"}
     ),  # gains of a log
-    "window_replay.py": {"kp", "kd", "coil_lag", "stribeck"},  # arrays of the replay
+    "window_replay.py": {"kp", "kd", "coil_lag", "stribeck", "torque_lag", "command_lag"},  # arrays of the replay
 }
 """Names of causes that stand outside their declarations, by file: there they name something else, too."""
 

@@ -77,6 +77,8 @@ class Cause:
     """Least change that a robot can have: friction and inertia do not turn negative."""
     highest: Number = np.inf
     """Largest change: a limit that was never reached may lie anywhere above."""
+    possible: Number = np.inf
+    """Largest size, either way, that a body there can have."""
     usual: Callable[[Place], tuple[float, float]] = lambda _: (0.0, 0.0)
     """Sizes that healthy robots have, lowest and highest."""
     nominal: Number = 0.0
@@ -105,6 +107,9 @@ class Cause:
     more than two of the three are named of a drive."""
     nearly: str = ""
     """Cause that does nearly the same at the same place and size: a fit of it begins with that one's size."""
+    rivals: tuple[str, ...] = ()
+    """Causes that a slow motion does not distinguish from it: those with which the log is nearly as likely in its place
+    are its alternatives."""
     looks_like: str = ""
     """Cause that no log distinguishes from it at the same place: it is named, with that as its alternative."""
     payload: tuple[str, ...] = ()
@@ -120,6 +125,8 @@ class Cause:
     """Channel that does show it."""
     own: float = 0.0
     """Part of its number that any robot has, give or take as much: simulated, but no part of a fault's size."""
+    unsure: Number = 0.0
+    """Part of its number that no log decides, added to the half of its interval."""
     if_negative: tuple[str, str, str] | tuple[()] = ()
     """Cause, place and number that it is where it is negative."""
     limits: bool = False

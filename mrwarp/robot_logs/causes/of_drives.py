@@ -8,6 +8,7 @@ import numpy as np
 
 from mrwarp.robot_logs.causes.cause import Cause, Replayed, Shown
 from mrwarp.robot_logs.causes.edits import UsdEdit
+from mrwarp.robot_logs.causes.of_timing import OWN_DELAY
 
 WALK = Shown("bear the trunk's weight in a walk", {"walk": 20.0})
 
@@ -97,6 +98,8 @@ CAUSES = (
         fault=0.01,
         lowest=0.0,
         shared=True,
+        unsure=lambda at: OWN_DELAY + 0.5 * at.row,
+        rivals=("command_lag", "command_delay"),
         shown=Shown("move the joint to and fro at 3 to 8 Hz", {"chirp": 15.0}),
         says=lambda value, _: f"the drive's torque follows with a lag of {1e3 * value:.1f} ms",
     ),

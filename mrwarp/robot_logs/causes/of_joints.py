@@ -8,6 +8,9 @@ from mrwarp.robot_logs.causes.cause import NUISANCE, Cause, Shown
 from mrwarp.robot_logs.causes.edits import UsdEdit
 from mrwarp.robot_logs.causes.places import Place
 
+LARGEST_ROTOR = 10.0
+"""Largest inertia of a rotor, in those that its joint moves: light wrists of arms with high gears come near."""
+
 UNKNOWN_LATENCY = 0.002
 """Time from a drive's reading to its torque that no log distinguishes from a rotor's inertia, Kd times as large [s]."""
 
@@ -35,6 +38,7 @@ CAUSES = (
         least=lambda at: 0.005 * at.torque,
         fault=lambda at: 0.05 * at.torque,
         lowest=lambda at: -float(at.model.model.dof_frictionloss[at.dof]),
+        possible=lambda at: at.torque,  # with more the motor could not turn it
         ordinary=True,
         looks_like="device_drag",
         shown=Shown("turn the joint slowly through its range and back", {"slow": 10.0}),
@@ -53,6 +57,7 @@ CAUSES = (
         least=lambda at: 0.002 * at.torque,
         fault=lambda at: 0.02 * at.torque,
         lowest=lambda at: -float(at.model.model.dof_damping[at.dof]),
+        possible=lambda at: at.torque / at.top_speed,
         ordinary=True,
         shown=Shown("turn the joint at several speeds", {"chirp": 15.0}),
         mjcf=lambda edit, j, x: edit.add_to_joint(j, "damping", x),
@@ -70,6 +75,7 @@ CAUSES = (
         least=_least_rotor,
         fault=lambda at: 2.0 * at.inertia,
         lowest=lambda at: -0.9 * float(at.model.model.dof_armature[at.dof]),
+        possible=lambda at: LARGEST_ROTOR * at.inertia,
         ordinary=True,
         central=True,
         shown=Shown("move the joint to and fro at 3 to 8 Hz with the trunk fixed", {"chirp": 15.0}),
@@ -89,6 +95,7 @@ CAUSES = (
         least=lambda at: 0.01 * at.torque,
         fault=lambda at: 0.03 * at.torque,
         lowest=0.0,
+        possible=lambda at: at.torque,
         shared=True,
         shown=Shown("turn the joint at 0.02 to 0.5 rad/s", {"slow": 20.0}),
     ),

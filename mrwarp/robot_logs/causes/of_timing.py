@@ -32,6 +32,7 @@ CAUSES = (
         ordinary=True,
         of_session=lambda at: at.model.free,  # coils show it; in the air inertias and gains would be traded for it
         own=OWN_DELAY,
+        rivals=("command_lag", "torque_lag"),
         # none acts before it was given: then the commands' stamps are late
         if_negative=("clock_shift", "commands", "shift"),
         uneven=True,
@@ -41,6 +42,25 @@ CAUSES = (
             f"commands act {1e3 * value:.1f} ms after their row: within a row of {1e3 * usual[1]:.1f} ms "
             "that is how the log was written"
         ),
+    ),
+    Cause(
+        name="command_lag",
+        title="command lag",
+        field="command_lag",
+        place="joint",
+        there=lambda at: at.commanded,
+        number="time_constant",
+        unit="s",
+        step=0.003,
+        spread=0.001,
+        least=0.003,
+        fault=0.01,
+        lowest=0.0,
+        shared=True,
+        unsure=lambda at: OWN_DELAY + 0.5 * at.row,  # when in a row its command begins to act
+        rivals=("torque_lag", "command_delay"),
+        shown=Shown("move the joint to and fro at 3 to 8 Hz", {"chirp": 15.0}),
+        says=lambda value, _: f"commands act through a first-order lag of {1e3 * value:.1f} ms",
     ),
     Cause(  # time from a drive's reading to its torque
         name=NUISANCE,

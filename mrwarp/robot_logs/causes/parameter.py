@@ -32,7 +32,9 @@ class Parameter:
     fault: float
     lowest: float = -np.inf
     highest: float = np.inf
+    possible: float = np.inf
     usual: tuple[float, float] = (0.0, 0.0)
+    unsure: float = 0.0
     always_free: bool = False
     """Whether it is fitted next to any cause though it may be one."""
     nominal: float = 0.0
@@ -87,6 +89,8 @@ def _parameter(cause: Cause, at: Place) -> Parameter:
         fault=here(cause.fault),
         lowest=here(cause.lowest),
         highest=here(cause.highest),
+        possible=here(cause.possible),
+        unsure=here(cause.unsure),
         usual=cause.usual(at),
         always_free=cause.of_session(at),
         nominal=here(cause.nominal),

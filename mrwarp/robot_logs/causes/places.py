@@ -53,7 +53,25 @@ class Place:
     @property
     def reads_torque(self) -> bool:
         """Whether the log reads the torque of joint ``index`` next to its command."""
-        return any(reads_torque(self.log, run) and np.isfinite(run.joint["tau"][:, self.index]).all() for run in self.log.runs)
+        return any(
+            reads_torque(self.log, run) and np.isfinite(run.joint["tau"][:, self.index]).all() for run in self.log.runs
+        )
+
+    @property
+    def commanded(self) -> bool:
+        """Whether the log has a command for the joint ``index``."""
+        return any(
+            bool(np.isfinite(run.joint[name][:, self.index]).any())
+            for run in self.log.runs
+            for name in ("q_des", "tau_ff")
+            if name in run.joint
+        )
+
+    @cached_property
+    def top_speed(self) -> float:
+        """Speed that the joint ``index`` reaches in the log, but for a thousandth of the rows [rad/s]."""
+        q = [(run.t, run.joint["q"][:, self.index]) for run in self.log.runs]
+        return max([1e-3, *(float(np.quantile(np.abs(np.gradient(x, t)), 0.999)) for t, x in q)])
 
     @property
     def device(self) -> bool:

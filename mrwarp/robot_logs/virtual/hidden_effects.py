@@ -52,12 +52,15 @@ EFFECTS: dict[str, Effect] = {
     "kp": _effect("joint", "", 0.0, 5.0, "factor on the gain that the drive uses, relative to the logged one"),
     "kd": _effect("joint", "", 0.0, 5.0, "factor on the drive's damping gain"),
     "command_delay": _effect("robot", "s", 0.0, 0.1, "commands act later"),
+    "command_lag": _effect("joint", "s", 0.0, 0.1, "time constant of a filter on the joint's target"),
     "clock_shift": _effect("channel", "s", -0.05, 0.05, "stamps of a channel are late by this"),
     "torque_lag": _effect("joint", "s", 0.0, 0.1, "time constant with which the motor's torque follows"),
     "gravity_compensation": _effect("joint", "", -2.0, 2.0, "share of gravity's torque that the drive adds by itself"),
     "torque_channel_offset": _effect("joint", "N·m", -100.0, 100.0, "added to every reading of the torque"),
     "torque_channel_gain": _effect("joint", "", -100.0, 100.0, "factor on every reading of the torque"),
-    "torque_channel_gravity": _effect("joint", "", -2.0, 2.0, "share of gravity's torque that readings of the torque add"),
+    "torque_channel_gravity": _effect(
+        "joint", "", -2.0, 2.0, "share of gravity's torque that readings of the torque add"
+    ),
     "encoder_offset": _effect("joint", "rad", -0.5, 0.5, "added to every reading of the encoder"),
     "velocity_lag": _effect("joint", "s", 0.0, 0.1, "time constant of the filter on the measured speed"),
     "imu_tilt": _effect("robot", "rad", -0.3, 0.3, "the inertial sensor is mounted askew", "roll", "pitch"),

@@ -64,7 +64,8 @@ class _Faults:
         j, m = self.joints, self.devices
         self.strength, self.cap = np.ones(j), np.full(j, np.inf)
         self.kp, self.kd, self.offset, self.lag, self.stribeck = np.ones(j), np.ones(j), *np.zeros((3, j))
-        self.torque_lag, self.compensated, self.tau_offset, self.tau_gravity = np.zeros((4, j))
+        self.torque_lag, self.command_lag, self.compensated = np.zeros((3, j))
+        self.tau_offset, self.tau_gravity = np.zeros((2, j))
         self.tau_gain = np.ones(j)
         self.dead, self.memoryless = np.zeros(m, bool), np.zeros(m, bool)
         self.coil_lag, self.device, self.drag = np.zeros(m), np.ones(m), np.zeros(m)
@@ -125,7 +126,7 @@ class TrueRobot:
         arrays = {
             "motor_strength": found.strength, "torque_limit": found.cap, "kp": found.kp, "kd": found.kd,
             "encoder_offset": found.offset, "velocity_lag": found.lag, "stribeck": found.stribeck,
-            "torque_lag": found.torque_lag, "gravity_compensation": found.compensated,
+            "torque_lag": found.torque_lag, "command_lag": found.command_lag, "gravity_compensation": found.compensated,
             "torque_channel_offset": found.tau_offset, "torque_channel_gain": found.tau_gain,
             "torque_channel_gravity": found.tau_gravity,
         }  # fmt: skip
@@ -261,6 +262,7 @@ class TrueRobot:
         self.z, self.current, self.coil = np.zeros(m), np.zeros(m), np.zeros(m)
         self.speed = np.zeros(len(self.description.joints))
         self.torque = np.zeros(len(self.description.joints))
+        self.target = np.full(len(self.description.joints), np.nan)
         self._pending.clear()
         self._command = None
 
@@ -319,16 +321,16 @@ class TrueRobot:
         c, f, model, data = self._command, self.faults, self.model, self.data
         assert c is not None
         qd = data.qvel[self.v_adr]
-        lag = np.where(f.lag > 0.0, 1.0 - np.exp(-STEP / np.maximum(f.lag, 1e-6)), 1.0)
-        self.speed += lag * (qd - self.speed)
-        error = c.q_des - self.q + self.drive_zero
+        self.speed += _share(f.lag) * (qd - self.speed)
+        self.target = np.where(np.isnan(self.target), c.q_des, self.target)
+        self.target += _share(f.command_lag) * (c.q_des - self.target)
+        error = self.target - self.q + self.drive_zero
         torque = f.kp * c.kp * error - f.kd * c.kd * self.speed
         if f.compensated.any():
             torque = torque + f.compensated * self.gravity
         limit = self.description.limit
         torque = np.clip(f.strength * np.clip(torque, -limit, limit), -f.cap, f.cap)
-        late = np.where(f.torque_lag > 0.0, 1.0 - np.exp(-STEP / np.maximum(f.torque_lag, 1e-6)), 1.0)
-        self.torque = self.torque + late * (torque - self.torque)
+        self.torque = self.torque + _share(f.torque_lag) * (torque - self.torque)
         data.qfrc_applied[self.v_adr] = self.torque
         dry = self.friction + f.stribeck * np.exp(-((qd / STRIBECK_SPEED) ** 2))
         if len(self._slot):
@@ -375,6 +377,11 @@ class TrueRobot:
                 force[1] -= wind[0] * np.sin(np.pi * (self.time - begun) / (self._gusts[k] - begun)) ** 2
         if force.any():
             self.data.xfrc_applied[body, :3] = force
+
+
+def _share(lag: np.ndarray) -> np.ndarray:
+    """Share of a change that a first-order lag of these time constants [s] follows in a step; shapes (J,)."""
+    return np.where(lag > 0.0, 1.0 - np.exp(-STEP / np.maximum(lag, 1e-6)), 1.0)
 
 
 def _lengthen(body: mujoco.MjsBody, by: float) -> None:

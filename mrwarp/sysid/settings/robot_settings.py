@@ -49,6 +49,8 @@ class Robot(Checked):
     worst: float = setting(4.0, 1.0, 100.0, fewer="windows left out", more="falls and pushes that are fitted")
     """A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot.
     Others count less, the more is left in them than in the median one: small errors of some grow to large ones."""
+    worse: float = setting(0.02, 0.0, 1.0, fewer="causes that a channel pays for", more="lost causes")
+    """Largest growth of a channel's error on parts that took no part with causes that are named."""
     push: float = setting(0.1, 1e-4, 10.0, fewer="forces held back", more="forces at joints that stick")
     """Standard deviation of forces that no cause gives, as shares of the robot's weight and of the most a joint was
     asked for: joints that stick hardly show one, however large."""
