@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from mrwarp.robot_logs.forms.joint_messages import ARRAYS, JointMessages, order_of
 from mrwarp.robot_logs.forms.mapped_log import joints_of_map, map_of
 from mrwarp.robot_logs.robot_log import MIN_SAMPLES, LogError, LogRun, RobotLog, check_run, factors, make_log
 from mrwarp.run_dir import one_line
@@ -27,6 +28,14 @@ MAX_MESSAGES = 20_000_000
 
 COMMANDING = re.compile(r"cmd|command|target|desired|reference|goal", re.IGNORECASE)
 """Names of topics whose JointState is a command."""
+
+READABLE = {
+    "state": ("JointState", "LowState"),
+    "command": ("JointState", "LowCmd", *ARRAYS),
+    "imu": ("Imu",),
+    "pose": ("Odometry", "PoseStamped"),
+}
+"""Messages that are read, by role."""
 
 UNITREE_JOINTS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
 """Order of the motors of Unitree's quadrupeds (Go1, Go2, A1, B1, B2), by the joint names of its URDF files."""
@@ -115,27 +124,38 @@ def _read(path: Path, reader: AnyReader, m: dict[str, Any]) -> RobotLog:
         raise LogError(f"{path}: more than {MAX_MESSAGES:g} messages; cut it with 'ros2 bag convert'")
     role = _roles(path, topics, m)
     series = {name: _Series() for name in role.values()}
-    names: dict[str, list[str]] = {}
-    by_header = m.get("clock", "header") == "header"
+    joints = {name: JointMessages() for name in role.values() if _is(topics[name], "JointState", *ARRAYS)}
+    by_header, behind = m.get("clock", "header") == "header", list[float]()
     for connection, stamp, raw in reader.messages([c for c in reader.connections if c.topic in series]):
         message: Any = reader.deserialize(raw, connection.msgtype)
         t = 1e-9 * stamp
         header = getattr(message, "header", None)
         if by_header and header is not None and (header.stamp.sec or header.stamp.nanosec):
             t = header.stamp.sec + 1e-9 * header.stamp.nanosec
+            if connection.topic == role["state"]:
+                behind.append(1e-9 * stamp - t)
+        if _is(connection.msgtype, *ARRAYS):
+            order, meaning = order_of(path, connection.topic, m, len(message.data))
+            taken = [k for k, name in enumerate(order) if name]
+            # an array has no stamp: it is put on the state's clock by how much later that one was recorded
+            t -= float(np.median(behind)) if behind else 0.0
+            joints[connection.topic].add(t, [order[k] or "" for k in taken], {meaning: np.asarray(message.data)[taken]})
+            continue
         values = _values(message, connection.msgtype)
-        if "names" in values:
-            known = names.setdefault(connection.topic, list(values.pop("names")))
-            values = _in_order(path, connection.topic, message, known, values)
-        series[connection.topic].add(t, values)
-    return _joined(path, m, role, {k: s.arrays() for k, s in series.items()}, names, topics)
+        if connection.topic in joints:
+            joints[connection.topic].add(t, values.pop("names"), values)
+        else:
+            series[connection.topic].add(t, values)
+    return _joined(path, m, role, {k: s.arrays() for k, s in series.items() if k not in joints}, joints, topics)
 
 
 def _roles(path: Path, topics: Mapping[str, str], m: Mapping[str, Any]) -> dict[str, str]:
     """Topic of each role: state, command, imu, pose."""
     kinds = {
         "state": lambda t: _is(topics[t], "LowState") or (_is(topics[t], "JointState") and not COMMANDING.search(t)),
-        "command": lambda t: _is(topics[t], "LowCmd") or (_is(topics[t], "JointState") and COMMANDING.search(t)),
+        "command": lambda t: (
+            _is(topics[t], "LowCmd") or (_is(topics[t], "JointState", *ARRAYS) and COMMANDING.search(t))
+        ),
         "imu": lambda t: _is(topics[t], "Imu"),
         "pose": lambda t: _is(topics[t], "Odometry", "PoseStamped"),
     }
@@ -148,9 +168,15 @@ def _roles(path: Path, topics: Mapping[str, str], m: Mapping[str, Any]) -> dict[
                 near = difflib.get_close_matches(str(m[role]), list(topics), 1)
                 hint = f"is it {near[0]}?" if near else f"topics: {', '.join(sorted(topics))[:300]}"
                 raise LogError(f"{path}: the map's {role} {m[role]!r} is no topic of the bag; {hint}")
+            if not _is(topics[m[role]], *READABLE[role]):
+                raise LogError(
+                    f"{path}: the map's {role} {m[role]!r} is a {topics[m[role]]}; read are {', '.join(READABLE[role])}"
+                )
             found[role] = m[role]
             continue
         fitting = [t for t in topics if fits(t)]
+        named = [t for t in fitting if not _is(topics[t], *ARRAYS)]
+        fitting = named or fitting  # an array says no joints: only where nothing else commands
         if role in ("state", "command") and any(not _is(topics[t], "JointState") for t in fitting):
             fitting = [t for t in fitting if not _is(topics[t], "JointState")]  # the robot's own hold gains too
         if len(fitting) > 1:
@@ -220,48 +246,22 @@ def _values(message: Any, kind: str) -> dict[str, Any]:
     return found | ({"battery": message.power_v} if hasattr(message, "power_v") else {})
 
 
-def _in_order(path: Path, topic: str, message: Any, known: list[str], values: dict[str, Any]) -> dict[str, Any]:
-    """A JointState's numbers in the order of the topic's first message."""
-    if list(message.name) == known:
-        return values
-    missing = [name for name in known if name not in message.name]
-    if missing:
-        raise LogError(
-            f"{path}: {topic}: a message lacks {missing[0]}, which others have; name another topic in the map"
-        )
-    order = [list(message.name).index(name) for name in known]
-    return {channel: np.asarray(x)[order] for channel, x in values.items()}
-
-
 def _joined(
     path: Path,
     m: dict[str, Any],
     role: Mapping[str, str],
     series: Mapping[str, tuple[np.ndarray, dict[str, np.ndarray]]],
-    names: Mapping[str, list[str]],
+    named: Mapping[str, JointMessages],
     topics: Mapping[str, str],
 ) -> RobotLog:
     """One recording on the state's stamps, from the first command on."""
-    t, state = series[role["state"]]
-    if len(t) < MIN_SAMPLES:
-        raise LogError(
-            f"{path}: {role['state']} holds {len(t)} messages, {MIN_SAMPLES} or more are needed; record longer"
-        )
-    source = names.get(role["state"]) or list(UNITREE_JOINTS)
-    joints, columns = joints_of_map(path, m, source, state["q"].shape[1])
-    joint = {c: state[c][:, columns] for c in ("q", "qd", "tau", "temperature") if c in state}
-    base, notes = {c: state[c] for c in ("quat", "gyro", "acc") if c in state}, []
+    t, state, joints, source, notes = _states(path, m, role["state"], series, named)
+    joint = {c: state[c] for c in ("q", "qd", "tau", "temperature") if c in state}
+    base = {c: state[c] for c in ("quat", "gyro", "acc") if c in state}
     half = 0.5 * float(np.median(np.diff(t)))
     first = 0
     if "command" in role:
-        when, command = series[role["command"]]
-        given = names.get(role["command"])
-        pick = columns if given is None else _pick(path, role["command"], [source[k] for k in columns], given)
-        # a command that follows a row by less than half a row was computed from it
-        at = np.searchsorted(when, t + half, side="right") - 1
-        first = int(np.searchsorted(at, 0))
-        rename = {"q": "q_des", "qd": "qd_des", "dq": "qd_des", "tau": "tau_ff", "kp": "kp", "kd": "kd"}
-        asked = {rename[c]: x[np.maximum(at, 0)][:, pick] for c, x in command.items() if c in rename}
+        asked, first = _asked(path, m, role["command"], series, named, source, t + half)
         joint |= {c: x for c, x in asked.items() if np.isfinite(x).any()}
         _switched_off(joint)
         if first:
@@ -274,6 +274,7 @@ def _joined(
         base["pos"] = _resampled(t, when, pose["pos"])
         if "body_vel" in pose:
             base["vel"] = _resampled(t, when, _turned(pose["turn"], pose["body_vel"]))
+    notes += _not_read(role, topics)
     if "quat" in base:
         size = np.linalg.norm(base["quat"], axis=1, keepdims=True)
         base["quat"] = base["quat"] / np.where(size > 0.1, size, 1.0)
@@ -302,6 +303,73 @@ def _joined(
     return make_log(path, header, joints, (run,), notes)
 
 
+def _states(
+    path: Path,
+    m: dict[str, Any],
+    topic: str,
+    series: Mapping[str, tuple[np.ndarray, dict[str, np.ndarray]]],
+    named: Mapping[str, JointMessages],
+) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...], list[tuple[int, str, str]], list[str]]:
+    """Stamps, channels of the joints that the map takes, these and how the bag has them, and remarks."""
+    if topic in named:
+        source, notes = named[topic].names, list[str]()
+        joints, columns = joints_of_map(path, m, source, len(source))
+        taken = [source[k] for k in columns]
+        t, state, notes = named[topic].merged(path, topic, taken)
+        return t, state, joints, list(zip(columns, taken, joints, strict=True)), notes
+    t, state = series[topic]
+    if len(t) < MIN_SAMPLES:
+        raise LogError(f"{path}: {topic} holds {len(t)} messages, {MIN_SAMPLES} or more are needed; record longer")
+    joints, columns = joints_of_map(path, m, list(UNITREE_JOINTS), state["q"].shape[1])
+    own = ("q", "qd", "tau", "temperature")
+    state = {c: x[:, columns] if c in own else x for c, x in state.items()}
+    return t, state, joints, [(k, UNITREE_JOINTS[k], name) for k, name in zip(columns, joints, strict=True)], []
+
+
+def _asked(
+    path: Path,
+    m: dict[str, Any],
+    topic: str,
+    series: Mapping[str, tuple[np.ndarray, dict[str, np.ndarray]]],
+    named: Mapping[str, JointMessages],
+    joints: list[tuple[int, str, str]],
+    until: np.ndarray,
+) -> tuple[dict[str, np.ndarray], int]:
+    """The last commands of each joint until given times, shape (N, J) by channel, and the first row that has them all.
+
+    Of each of ``joints`` there are its place in the bag's messages, its name there, and the robot's own; the map's order
+    of an array may have either. A command that follows a row by less than half a row was computed from it.
+    """
+    rename, found, first = {"q": "q_des", "qd": "qd_des", "dq": "qd_des", "tau": "tau_ff"}, {}, 0
+    for k, (column, theirs, ours) in enumerate(joints):
+        if topic in named:
+            given = named[topic]
+            name = next((x for x in (theirs, ours) if x in given.t), None)
+            if name is None:
+                raise LogError(
+                    f"{path}: {topic} commands no {theirs}; leave it out of the map's joints, or name another command"
+                )
+            when, command = given.of(name)
+        else:
+            when, every = series[topic]
+            command = {c: x[:, column] for c, x in every.items()}
+        at = np.searchsorted(when, until, side="right") - 1
+        first = max(first, int(np.searchsorted(at, 0)))
+        for channel, x in command.items():
+            blank = np.full((len(until), len(joints)), np.nan)
+            found.setdefault(rename.get(channel, channel), blank)[:, k] = x[np.maximum(at, 0)]
+    return found, first
+
+
+def _not_read(role: Mapping[str, str], topics: Mapping[str, str]) -> list[str]:
+    """A remark on topics that could hold readings or commands and are not taken."""
+    kinds = {"JointTrajectory", "JointTrajectoryControllerState", *(kind for own in READABLE.values() for kind in own)}
+    left = [
+        f"{t} ({kind.rpartition('/')[2]})" for t, kind in topics.items() if t not in role.values() and _is(kind, *kinds)
+    ]
+    return [f"not read: {', '.join(sorted(left))}; the map names other topics"] if left else []
+
+
 def _switched_off(joint: dict[str, np.ndarray]) -> None:
     """Unitree's targets of 2.146e9 rad and 16000 rad/s stand for a loop that is off."""
     for target, gain, limit, rest in (("q_des", "kp", 1e6, joint["q"]), ("qd_des", "kd", 1e4, 0.0)):
@@ -309,15 +377,6 @@ def _switched_off(joint: dict[str, np.ndarray]) -> None:
             off = np.abs(joint[target]) > limit
             joint[target] = np.where(off, rest, joint[target])
             joint[gain] = np.where(off, 0.0, joint[gain])
-
-
-def _pick(path: Path, topic: str, wanted: Sequence[str], given: list[str]) -> list[int]:
-    for name in wanted:
-        if name not in given:
-            raise LogError(
-                f"{path}: {topic} commands no {name}; leave it out of the map's joints, or name another command"
-            )
-    return [given.index(name) for name in wanted]
 
 
 def _resampled(t: np.ndarray, when: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -34,6 +34,8 @@ MAP_KEYS = (
     "base",
     "state",
     "command",
+    "command_order",
+    "command_is",
     "imu",
     "pose",
     "joints",

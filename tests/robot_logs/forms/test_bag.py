@@ -300,3 +300,74 @@ def test_maps_and_bags_that_are_none_are_refused(tmp_path: Path, capsys: pytest.
     (tmp_path / "map.json").unlink()
     assert main(["check", str(tmp_path / "bad.mcap")]) == 2
     assert "is no bag that can be read" in capsys.readouterr().err
+
+
+def two_publishers(path: Path, *, array: bool = False) -> Path:
+    """An arm and wheels that publish in turn on one topic, wheels at another rate and without efforts that are numbers.
+
+    With ``array`` commands are arrays without names or stamps, recorded 5 s after the states' stamps.
+    """
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        state = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=STORE)
+        other = writer.add_connection("/debug/joint_trajectory", "std_msgs/msg/Float64MultiArray", typestore=STORE)
+        asked = writer.add_connection("/arm_controller/commands", "std_msgs/msg/Float64MultiArray", typestore=STORE)
+        layout = _make(STORE, "std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        for row in range(ROWS):
+            t = 100.0 + row * DT
+            arm = [angle(t, k) for k in range(2)]
+            messages = [(state, t, _joints(t, JOINTS, arm, [0.0, 0.0], [1.0, 2.0]))]
+            if row % 2 == 0:
+                late = t + 0.3 * DT
+                wheels = [angle(late, 2), float("nan") if row == 4 else 0.0]
+                messages.append((state, late, _joints(late, ("wheel", "caster"), wheels, [0.0, 0.0], [np.nan, np.nan])))
+            if array:
+                data = np.array([arm[1] + 0.1, arm[0] + 0.2, 7.0])
+                values = _make(STORE, "std_msgs/msg/Float64MultiArray", layout=layout, data=data)
+                messages += [(asked, t + 0.002, values), (other, t, values)]
+            for topic, when, message in messages:
+                writer.write(topic, round((when + 5.0) * 1e9), STORE.serialize_cdr(message, topic.msgtype))
+    return path
+
+
+def test_publishers_of_one_topic_are_merged_by_joint_and_stamp(tmp_path: Path) -> None:
+    """Rows are the arm's, the wheel is interpolated; a joint that the map leaves out may hold no numbers."""
+    names = {"hip": "hip", "wheel": "wheel", "knee": "knee"}
+    log = read_bag(two_publishers(tmp_path / "bag"), {"joints": names, "tau_is": "measured", "command": None})
+    (run,) = log.runs
+    t = 100.0 + np.arange(1, ROWS - 1) * DT  # the wheel's first message comes after the arm's, its last one before
+    assert log.joints == ("hip", "wheel", "knee")
+    np.testing.assert_allclose(run.joint["q"][:, 0], [angle(x, 0) for x in t], rtol=0, atol=EPS)
+    line = 0.4 * 25.0 * (2.0 * DT) ** 2 / 8.0  # of the interpolation: the angle's acceleration is 10 rad/s² at most
+    np.testing.assert_allclose(run.joint["q"][:, 1], [angle(x, 2) for x in t], rtol=0, atol=1.01 * line)
+    assert np.isnan(run.joint["tau"][:, 1]).all() and (run.joint["tau"][:, 2] == 2.0).all()
+    assert any("wheel came in messages of their own" in note for note in log.notes)
+    with pytest.raises(RecordingError, match="1 of 60 angles of caster are no number; leave the joint out"):
+        read_bag(two_publishers(tmp_path / "all"), {"tau_is": "measured", "command": None})
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({}, "holds arrays of 3 numbers without names; name their joints in the map"),
+        ({"command_order": ["knee", "hip"]}, "names 2 joints, /arm_controller/commands holds 3"),
+        ({"command_order": ["knee", "hip", None], "command_is": "torque"}, "allowed: q_des, qd_des, tau_ff"),
+        ({"command": "/debug/joint_trajectory", "command_order": ["a", "b", "c"]}, "commands no hip"),
+        ({"state": "/arm_controller/commands"}, "is a std_msgs/msg/Float64MultiArray; read are JointState, LowState"),
+        ({"command_order": ["knee", "hip", None]}, ""),
+    ],
+)
+def test_an_array_of_commands_takes_its_order_from_the_map(more: dict[str, Any], said: str, tmp_path: Path) -> None:
+    """It has no stamp: it comes as long after a state as it was recorded after it. What is not read is named."""
+    bag, m = (
+        two_publishers(tmp_path / "bag", array=True),
+        {"joints": {"hip": "left", "knee": "right"}, "kp": 20, **more},
+    )
+    if said:
+        with pytest.raises(RecordingError) as refused:
+            read_bag(bag, m)
+        assert said in str(refused.value)
+        return
+    log = read_bag(bag, m)
+    joint = log.runs[0].joint
+    np.testing.assert_allclose(joint["q_des"] - joint["q"], np.tile([0.2, 0.1], (ROWS, 1)), rtol=0, atol=EPS)
+    assert any("not read: /debug/joint_trajectory (Float64MultiArray)" in note for note in log.notes)
