@@ -337,8 +337,8 @@ def _asked(
 ) -> tuple[dict[str, np.ndarray], int]:
     """The last commands of each joint until given times, shape (N, J) by channel, and the first row that has them all.
 
-    Of each of ``joints`` there are its place in the bag's messages, its name there, and the robot's own; the map's order
-    of an array may have either. A command that follows a row by less than half a row was computed from it.
+    Of each of ``joints`` there are its place in the bag's messages, its name there, and the robot's own; the map's
+    order of an array may have either. A command that follows a row by less than half a row was computed from it.
     """
     rename, found, first = {"q": "q_des", "qd": "qd_des", "dq": "qd_des", "tau": "tau_ff"}, {}, 0
     for k, (column, theirs, ours) in enumerate(joints):
