@@ -8,26 +8,32 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
-from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, ORDINARY, OUTSIDE, SETUP
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY, OUTSIDE, SETUP
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import FirstLook, fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_validated, held_out
-from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text, sentence_of
+from mrwarp.robot_logs.robot_verdict import (
+    NamedCause,
+    RobotDiagnosis,
+    cause_text,
+    explained,
+    named_cause,
+    sentence_of,
+    values_of,
+)
 from mrwarp.robot_logs.selection import (
     Found,
     Hypothesis,
     Posterior,
     bounds_of,
     bounds_without,
-    own_members,
     posterior,
     select,
     sizes,
@@ -36,6 +42,7 @@ from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, stead
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
 from mrwarp.sysid.gate import Change, impossible, refused
+from mrwarp.sysid.jackknife import student
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import (
     NOT_CHECKED,
@@ -44,7 +51,6 @@ from mrwarp.sysid.verdict import (
     Gain,
     Suspect,
     Unexplained,
-    Value,
     being_checked,
     not_checked,
 )
@@ -103,8 +109,9 @@ def diagnose_log(
     judged, gain, errors = _before_and_after(case, judged)
     likelihood, parameters, found, size = judged.likelihood, case.parameters, judged.found, judged.size
     now = posterior(likelihood, parameters, [f.hypothesis for f in found])
-    named = [_named(f, found, size, likelihood, parameters, now) for f in found]
+    named = [named_cause(f, found, size, likelihood, parameters, now) for f in found]
     causes = tuple(c for c in named if c.name not in (*OUTSIDE, *SETUP))
+    causes = tuple(_to_scale(c, case, judged, now) for c in causes)
     extended, setup = (_changes(parameters, x) for x in (causes, [c for c in named if c.name in SETUP]))
     progress("what no cause explains")
     unexplained = _outside(case, judged, named)
@@ -286,7 +293,7 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
     while len(found) > len(foreign) and (why := refused(gain.ci95, channels, case.model.settings.robot.worse)):
         weakest = min(
             (f for f in found if f not in foreign),
-            key=lambda f: _explains(f, found, judged.likelihood, case.parameters),
+            key=lambda f: explained(f, found, judged.likelihood, case.parameters),
         )
         found, rejected = [f for f in found if f is not weakest], {**rejected, weakest: why}
         if len(found) == len(foreign):
@@ -296,6 +303,34 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
         gain, errors, channels = errors_of(found, near)
     found = [replace(f, alternatives=(*f.alternatives, *judged.rivals.get(f.hypothesis, ()))) for f in found]
     return replace(judged, found=found, rejected=rejected, size=size, near=near), gain, errors
+
+
+TORQUES = "the drives' torques"
+"""What masses, inertias and frictions are relative to where no log shows the scale of both."""
+
+
+def _to_scale(c: NamedCause, case: _Case, judged: _Judged, now: Posterior) -> NamedCause:
+    """A cause by the scale of all drives' torques, where that is every session's own and no reading anchors it.
+
+    What is a mass, an inertia or a friction has a wider interval then; where the scale is off by more than it is on
+    healthy robots, or drives are what is wrong, it has none.
+    """
+    parameters, anchored = case.parameters, judged.likelihood.sigma
+    scale = next((k for k, p in enumerate(parameters) if p.declared.of_all), None)
+    mechanical = any(parameters[k].declared.mechanical for k in c.change)
+    if scale is None or parameters[scale].declared.measured_in in anchored or not mechanical:
+        return c
+    p = parameters[scale]
+    drives = any(f.hypothesis.cause in DRIVE and f.hypothesis.where == "robot" for f in judged.found)
+    if drives or max(abs(float(judged.size.size[scale])), abs(float(now.mean[scale]))) > p.least:
+        endless = {name: replace(v, ci95=(-np.inf, np.inf)) for name, v in c.parameters.items()}
+        return replace(c, parameters=endless, relative_to=TORQUES)
+    wider = {}
+    for name, v in c.parameters.items():
+        share = student(0.95, np.inf) * p.spread * abs(v.value)
+        low, high = (v.value + s * np.hypot(s * (end - v.value), share) for s, end in zip((-1, 1), v.ci95, strict=True))
+        wider[name] = replace(v, ci95=(float(low), float(high)))
+    return replace(c, parameters=wider)
 
 
 def _changes(parameters: Sequence[Parameter], causes: Sequence[NamedCause]) -> np.ndarray:
@@ -315,7 +350,7 @@ def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
     beliefs = posterior(likelihood, parameters, free)
     for f, reason in ((f, x) for f, x in judged.rejected.items() if f.hypothesis.cause not in OUTSIDE):
         about = sizes(likelihood.normal_equations(), parameters, free, *bounds_of(parameters))
-        c = _named(f, both, replace(judged.size, size=about, lone=about), likelihood, parameters, beliefs)
+        c = named_cause(f, both, replace(judged.size, size=about, lone=about), likelihood, parameters, beliefs)
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
     return tuple(suspects)
 
@@ -372,7 +407,7 @@ def _first_answer(
     for d in look.guessed or ordinary:
         change = {k: float(look.guess[k]) for k in d.members}
         first = parameters[d.members[0]]
-        values = _values(first, float(np.mean(list(change.values()))), unknown)
+        values = values_of(first, float(np.mean(list(change.values()))), unknown)
         found.append(
             NamedCause(
                 name=d.cause,
@@ -401,56 +436,10 @@ def _first_answer(
     )
 
 
-def _values(first: Parameter, mean: float, half: float) -> dict[str, Value]:
-    """The numbers of a cause from the change of its first parameter and the half of that change's interval."""
-    low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))
-    values = {first.name: Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)}
-    if first.relative:
-        values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - half, 1.0 + mean + half), unit="1")
-    return values
-
-
 def _when(log: RobotLog, groups: list[Windows], keep: np.ndarray) -> str:
     """Recordings and times of the windows that do not count."""
     runs, starts = (np.concatenate([getattr(w, name) for w in groups])[~keep] for name in ("run", "start"))
     return listed([f"{log.runs[r].t[s]:.1f} s of {log.runs[r].id}" for r, s in zip(runs, starts, strict=True)])
-
-
-def _named(
-    f: Found, found: list[Found], size: Sizes, likelihood: Likelihood, parameters: list[Parameter], now: Posterior
-) -> NamedCause:
-    """A cause with its size and what it explains."""
-    others = [x.hypothesis for x in found if x is not f]
-    first = parameters[own_members(f.hypothesis, others)[0]]
-    mean, half = size.of(f.hypothesis, [x.hypothesis for x in found], now, parameters)
-    mean, half = mean - first.declared.own, half + first.declared.own + first.unsure
-    name, where, values = f.hypothesis.cause, f.hypothesis.where, _values(first, mean, half)
-    if first.declared.if_negative and mean < 0.0:
-        name, where, number = first.declared.if_negative
-        values = {number: Value(value=-mean, ci95=(-mean - half, -mean + half), unit=first.unit)}
-    return NamedCause(
-        name=name,
-        where=where,
-        parameters=values,
-        p_value=float(2.0 * stats.norm.sf(abs(f.z))),
-        alternatives=tuple(dict.fromkeys(_place(d, f.hypothesis.where) for d in f.alternatives)),
-        gain=_explains(f, found, likelihood, parameters, now),
-        change={k: float(size.size[k]) for k in f.hypothesis.members},
-    )
-
-
-def _explains(
-    f: Found, found: list[Found], likelihood: Likelihood, parameters: list[Parameter], now: Posterior | None = None
-) -> float:
-    """Share of the squared mismatch that a cause takes away next to the others [1]; ``now`` is with all of them."""
-    now = now or posterior(likelihood, parameters, [x.hypothesis for x in found])
-    without = posterior(likelihood, parameters, [x.hypothesis for x in found if x is not f]).mean.copy()
-    without[list(f.hypothesis.members)] = 0.0
-    return float(max(1.0 - likelihood.at(now.mean) / max(likelihood.at(without), 1e-12), 0.0))
-
-
-def _place(hypothesis: Hypothesis, here: str) -> str:
-    return hypothesis.cause if hypothesis.where == here else f"{hypothesis.cause} of {hypothesis.where}"
 
 
 def _on_windows_of(likelihood: Likelihood, near: Likelihood, indices: list[int]) -> Likelihood:

@@ -7,14 +7,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE
+from mrwarp.robot_logs.likelihood import Likelihood
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
+from mrwarp.robot_logs.robot_proof import Sizes
+from mrwarp.robot_logs.selection import Found, Hypothesis, Posterior, own_members, posterior
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.runtime import text_table
-from mrwarp.sysid.verdict import Answer, Cause, Unexplained
+from mrwarp.sysid.verdict import Answer, Cause, Unexplained, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +29,8 @@ class NamedCause(Cause):
     """A joint, a leg, a body, or ``robot``."""
     change: Mapping[int, float]
     """Change of each of its parameters."""
+    relative_to: str = ""
+    """What its numbers are relative to, for the log does not show its scale; they have no interval then."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +83,7 @@ def lines(d: RobotDiagnosis) -> Iterator[str]:
     for c in d.causes:
         for name, v in c.parameters.items():
             unit = "" if v.unit == "1" else f" {v.unit}"
-            rows.append((c.where, f"{c.name}.{name}", f"{v.value:.4g}{unit}", f"{v.ci95[0]:.4g} to {v.ci95[1]:.4g}"))
+            rows.append((c.where, f"{c.name}.{name}", f"{v.value:.4g}{unit}", interval_text(v, c.relative_to)))
     if rows:
         yield ""
         yield from text_table(("where", "cause", "value", "95 % interval"), rows, left=2)
@@ -96,6 +102,12 @@ def lines(d: RobotDiagnosis) -> Iterator[str]:
     if d.next_experiment is not None:
         motions = " ".join(f"{name}={seconds:g}" for name, seconds in d.next_experiment.settings.items())
         yield f"\nnext recording: {d.next_experiment.what} (mrwarp log record --motion {motions})"
+
+
+def interval_text(value: Value, relative_to: str = "") -> str:
+    """A 95 % interval in a value's unit, or that the log gives none."""
+    low, high = value.ci95
+    return f"{low:.4g} to {high:.4g}" if np.isfinite([low, high]).all() else f"none: relative to {relative_to}"
 
 
 def sentence_of(causes: tuple[NamedCause, ...], unexplained: Unexplained | None = None) -> str:
@@ -127,4 +139,51 @@ def cause_text(cause: NamedCause) -> str:
         text = f"{place}{declared.title} {cause.parameters['factor'].value:.2f} times the description's"
     else:
         text = f"{place}{declared.title} {size:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")
+    text += f", relative to {cause.relative_to}" if cause.relative_to else ""
     return text + (f" (or {', '.join(cause.alternatives)})" if cause.alternatives else "")
+
+
+def values_of(first: Parameter, mean: float, half: float) -> dict[str, Value]:
+    """The numbers of a cause from the change of its first parameter and the half of that change's interval."""
+    low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))
+    values = {first.name: Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)}
+    if first.relative:
+        values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - half, 1.0 + mean + half), unit="1")
+    return values
+
+
+def named_cause(
+    f: Found, found: list[Found], size: Sizes, likelihood: Likelihood, parameters: list[Parameter], now: Posterior
+) -> NamedCause:
+    """A cause with its size and what it explains."""
+    others = [x.hypothesis for x in found if x is not f]
+    first = parameters[own_members(f.hypothesis, others)[0]]
+    mean, half = size.of(f.hypothesis, [x.hypothesis for x in found], now, parameters)
+    mean, half = mean - first.declared.own, half + first.declared.own + first.unsure
+    name, where, values = f.hypothesis.cause, f.hypothesis.where, values_of(first, mean, half)
+    if first.declared.if_negative and mean < 0.0:
+        name, where, number = first.declared.if_negative
+        values = {number: Value(value=-mean, ci95=(-mean - half, -mean + half), unit=first.unit)}
+    return NamedCause(
+        name=name,
+        where=where,
+        parameters=values,
+        p_value=float(2.0 * stats.norm.sf(abs(f.z))),
+        alternatives=tuple(dict.fromkeys(_place(d, f.hypothesis.where) for d in f.alternatives)),
+        gain=explained(f, found, likelihood, parameters, now),
+        change={k: float(size.size[k]) for k in f.hypothesis.members},
+    )
+
+
+def explained(
+    f: Found, found: list[Found], likelihood: Likelihood, parameters: list[Parameter], now: Posterior | None = None
+) -> float:
+    """Share of the squared mismatch that a cause takes away next to the others [1]; ``now`` is with all of them."""
+    now = now or posterior(likelihood, parameters, [x.hypothesis for x in found])
+    without = posterior(likelihood, parameters, [x.hypothesis for x in found if x is not f]).mean.copy()
+    without[list(f.hypothesis.members)] = 0.0
+    return float(max(1.0 - likelihood.at(now.mean) / max(likelihood.at(without), 1e-12), 0.0))
+
+
+def _place(hypothesis: Hypothesis, here: str) -> str:
+    return hypothesis.cause if hypothesis.where == here else f"{hypothesis.cause} of {hypothesis.where}"

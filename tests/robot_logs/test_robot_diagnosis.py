@@ -14,7 +14,7 @@ from scipy.signal import savgol_filter
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from mrwarp.resources import DEFAULT_POLICY
-from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
+from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof, robot_verdict
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.initial_guess import initial_guess
 from mrwarp.robot_logs.likelihood import Likelihood, Slopes, _currents_alone, gather, replayed
@@ -39,6 +39,7 @@ from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import TrueRobot
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import SPEED_STEPS, cut_windows, held_rows
+from mrwarp.sysid.gate import Change
 from mrwarp.sysid.settings import Robot, Settings
 from mrwarp.sysid.verdict import Value
 from tests.robot_logs.arm_log import arm_log, six_joint_log
@@ -195,24 +196,39 @@ def test_a_delay_of_more_than_a_row_is_named(late_arm: tuple[Path, RobotDiagnosi
     assert d.sentence == f"commands act {1e3 * delay.value:.1f} ms late."
 
 
-def test_causes_with_which_parts_of_the_log_are_foretold_worse_are_not_named(
-    late_arm: tuple[Path, RobotDiagnosis, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("interval", "after", "said"),
+    [
+        ((-0.4, -0.1), 1.0, "does not clearly fall"),
+        ((-0.1, 0.5), 1.0, "does not clearly fall"),
+        (None, 1.1, "of qd grows"),
+    ],
+)
+def test_causes_that_gain_nothing_or_cost_a_channel_are_not_named(
+    interval: tuple[float, float] | None,
+    after: float,
+    said: str,
+    late_arm: tuple[Path, RobotDiagnosis, dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Each of them may be clear, yet all together lead the replay astray."""
+    """Each of them may be clear, yet all together lead the replay astray, or one channel pays for the others."""
     (folder, _, before), held_out, seen = late_arm, robot_diagnosis.held_out, []
     for name, found in before.items():  # the diagnosis from there on
         monkeypatch.setattr(robot_diagnosis, name, lambda *_, found=found: found)
 
     def worse(*args):  # noqa: ANN002, ANN202
-        gain, errors = held_out(*args)
+        gain, errors, channels = held_out(*args)
         seen.append(gain.ci95)
-        return (replace(gain, ci95=(-0.4, -0.1)) if len(seen) == 1 else gain), errors
+        if len(seen) == 1:
+            channels = {**channels, "qd": Change(before=1.0, after=after, half=0.2)}
+            gain = replace(gain, ci95=interval or gain.ci95)
+        return gain, errors, channels
 
     monkeypatch.setattr(robot_diagnosis, "held_out", worse)
     d = _diagnosed(folder)
     assert seen[0][0] > 0.5 and seen[1] == pytest.approx((0.0, 0.0), abs=1e-12)  # without it, the delay is right
     assert (d.verdict, d.causes) == ("none", ())
-    assert "command_delay" in [s.name for s in d.suspects]
+    assert said in {s.name: s.reason for s in d.suspects}["command_delay"]
     assert not np.any(d.theta)
 
 
@@ -492,7 +508,7 @@ def test_what_all_joints_have_in_common_is_told_without_the_one_that_differs() -
     found = [Found(hypothesis=d, z=9.0, alternatives=()) for d in free]
     about = robot_proof.Sizes(size=truth, lone=truth, wider=1.0)
     named = [
-        robot_diagnosis._named(f, found, about, likelihood, parameters, posterior(likelihood, parameters, free))
+        robot_verdict.named_cause(f, found, about, likelihood, parameters, posterior(likelihood, parameters, free))
         for f in found
     ]
     assert [c.parameters["factor"].value for c in named] == pytest.approx([1.3, 1.6])

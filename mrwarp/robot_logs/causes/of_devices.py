@@ -105,6 +105,7 @@ CAUSES = (
         there=_there,
         number="torque",
         unit="N·m",
+        mechanical=True,
         step=-0.2,
         spread=0.05,
         least=0.1,

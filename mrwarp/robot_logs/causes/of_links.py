@@ -66,6 +66,7 @@ CAUSES = (
         there=_free,
         number="mass",
         unit="kg",
+        mechanical=True,
         step=lambda at: 0.02 * at.total,
         spread=lambda at: 0.008 * at.total,
         least=lambda at: 0.015 * at.total,
@@ -105,6 +106,7 @@ CAUSES = (
         there=lambda at: at.mass > 0.02,
         number="mass",
         unit="kg",
+        mechanical=True,
         step=lambda at: 0.05 * at.mass,
         spread=lambda at: 0.02 * at.mass,
         # a weight counts as friction does: where it makes less torque than the least friction, drives hide it

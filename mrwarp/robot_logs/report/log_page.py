@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -74,6 +75,8 @@ def _number(value: float, unit: str) -> str:
 
 def _interval(v: Value) -> str:
     low, high = v.ci95
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "none: relative to the drives' torques"
     return f"{_number(low, v.unit).split()[0]} to {_number(high, v.unit)}"
 
 

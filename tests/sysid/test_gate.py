@@ -1,0 +1,39 @@
+"""The last gate of a cause: a gain beyond chance, no channel that pays for it, a size that a body can have."""
+
+import numpy as np
+import pytest
+
+from mrwarp.sysid.gate import Change, impossible, refused
+
+PIECES = np.random.default_rng(0).uniform(0.8, 1.2, 8)
+
+
+def test_an_interval_of_the_gain_that_includes_none_is_refused() -> None:
+    """However large its middle is."""
+    assert refused((0.01, 0.03), {}, 0.02) == ""
+    assert "18.5 % (-27.0 to 64.0 %)" in refused((-0.27, 0.64), {}, 0.02)
+
+
+@pytest.mark.parametrize(("factor", "grows"), [(0.5, False), (1.01, False), (1.3, True)])
+def test_a_channel_that_pays_is_named(factor: float, grows: bool) -> None:
+    """By the channel's own error; 1 % of growth by chance is none."""
+    noise = np.random.default_rng(1).uniform(0.95, 1.05, 8)
+    change = Change.of(PIECES, factor**2 * PIECES * noise)
+    assert change.share == pytest.approx(factor - 1.0, abs=0.05)
+    assert (
+        refused((0.1, 0.2), {"q": Change.of(PIECES, 0.9 * PIECES), "qd": change}, 0.02).startswith(
+            "the replay's error of qd grows" if grows else ""
+        )
+        and bool(refused((0.1, 0.2), {"qd": change}, 0.02)) == grows
+    )
+
+
+def test_a_growth_that_every_piece_shows_is_one_however_small() -> None:
+    """1 % in each piece."""
+    assert "tau" in refused((0.1, 0.2), {"tau": Change.of(PIECES, 1.02 * PIECES)}, 0.02)
+
+
+def test_sizes_that_no_body_has() -> None:
+    """A rotor of 204 kg·m² on a joint that moves 0.3."""
+    assert "204 kg·m²" in impossible(204.0, 3.0, "kg·m²")
+    assert impossible(-2.0, 3.0, "kg·m²") == "" == impossible(204.0, np.inf, "kg·m²")
