@@ -107,7 +107,7 @@ def smoothed(
     ask: float,
     memory: wp.array2d[float],
 ) -> float:
-    """What commands ask for, ``ask``, behind a first-order lag [N·m]; ``memory`` (E, J) holds it from step to step."""
+    """Commanded torque ``ask`` behind a first-order lag [N·m]; ``memory`` (E, J) holds it from step to step."""
     kept = drives.smoothed[env, joint]
     if kept <= 0.0:
         return ask

@@ -41,8 +41,8 @@ from mrwarp.robot_logs.selection import (
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
-from mrwarp.sysid.gate import Change, impossible, refused
 from mrwarp.sysid.jackknife import student
+from mrwarp.sysid.last_gate import Change, impossible, refused
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import (
     NOT_CHECKED,
@@ -289,8 +289,9 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
         own = ([f.hypothesis for f in foreign], before[1], usual), ([f.hypothesis for f in found], near, wide)
         return held_out(case.model, case.groups, judged.likelihood, case.parameters, *own)
 
+    most = float(np.sqrt(1.0 + case.model.settings.robot.share)) - 1.0
     rejected, (gain, errors, channels) = judged.rejected, errors_of(found, near)
-    while len(found) > len(foreign) and (why := refused(gain.ci95, channels, case.model.settings.robot.worse)):
+    while len(found) > len(foreign) and (why := refused(gain.ci95, channels, most)):
         weakest = min(
             (f for f in found if f not in foreign),
             key=lambda f: explained(f, found, judged.likelihood, case.parameters),
@@ -306,7 +307,7 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
 
 
 TORQUES = "the drives' torques"
-"""What masses, inertias and frictions are relative to where no log shows the scale of both."""
+"""Scale of masses, inertias and frictions where no log shows that of both."""
 
 
 def _to_scale(c: NamedCause, case: _Case, judged: _Judged, now: Posterior) -> NamedCause:

@@ -28,8 +28,8 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.windows import Windows
 from mrwarp.sysid.certainty import agreement, clearness
-from mrwarp.sysid.gate import Change
 from mrwarp.sysid.jackknife import student, sum_and_error
+from mrwarp.sysid.last_gate import Change
 from mrwarp.sysid.least_squares import minimum_within
 from mrwarp.sysid.left_out import in_a_row, predicted
 from mrwarp.sysid.plant import Listed

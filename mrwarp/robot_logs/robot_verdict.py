@@ -30,7 +30,7 @@ class NamedCause(Cause):
     change: Mapping[int, float]
     """Change of each of its parameters."""
     relative_to: str = ""
-    """What its numbers are relative to, for the log does not show its scale; they have no interval then."""
+    """Quantity by whose unknown scale its numbers count; they have no interval then. Empty of others."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,7 +76,7 @@ class Windows:
     gravity: np.ndarray
     """Torque that holds the links of a held robot at rest [N·m], at the steps of ``feed``, shape (W, K + 2*M, J)."""
     gravity_read: np.ndarray
-    """The same at the samples, shape (W, S, J)."""
+    """Its value at the samples, shape (W, S, J)."""
     memory: np.ndarray
     """Hysteresis of each joint's device at the start [rad], by the motion since its run began, shape (W, J)."""
 

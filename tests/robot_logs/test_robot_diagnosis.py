@@ -39,7 +39,7 @@ from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import TrueRobot
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import SPEED_STEPS, cut_windows, held_rows
-from mrwarp.sysid.gate import Change
+from mrwarp.sysid.last_gate import Change
 from mrwarp.sysid.settings import Robot, Settings
 from mrwarp.sysid.verdict import Value
 from tests.robot_logs.arm_log import arm_log, six_joint_log

@@ -27,7 +27,8 @@ class Robot(Checked):
     rivals: int = setting(4, 0, 100, fewer="lost alternatives", more="long lists")
     """Most alternatives of a cause."""
     share: float = setting(0.03, 0.0, 10.0, fewer="false small causes", more="missed ones")
-    """Least squared mismatch that a cause explains, in units of what every reading of its joints is left with."""
+    """Least squared mismatch that a cause explains, in units of what every reading of its joints is left with; and the
+    share by which no channel's squared error may grow with it."""
     most: int = setting(8, 1, 100, fewer="missed causes", more="time")
     """Most causes, next to ordinary ones, that one log distinguishes."""
     parts: int = setting(8, 3, 100, fewer="intervals that are too wide", more="parts with similar errors")
@@ -49,8 +50,6 @@ class Robot(Checked):
     worst: float = setting(4.0, 1.0, 100.0, fewer="windows left out", more="falls and pushes that are fitted")
     """A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot.
     Others count less, the more is left in them than in the median one: small errors of some grow to large ones."""
-    worse: float = setting(0.02, 0.0, 1.0, fewer="causes that a channel pays for", more="lost causes")
-    """Largest growth of a channel's error on parts that took no part with causes that are named."""
     push: float = setting(0.1, 1e-4, 10.0, fewer="forces held back", more="forces at joints that stick")
     """Standard deviation of forces that no cause gives, as shares of the robot's weight and of the most a joint was
     asked for: joints that stick hardly show one, however large."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mrwarp.sysid.gate import Change, impossible, refused
+from mrwarp.sysid.last_gate import Change, impossible, refused
 
 PIECES = np.random.default_rng(0).uniform(0.8, 1.2, 8)
 
