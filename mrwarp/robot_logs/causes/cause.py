@@ -96,7 +96,7 @@ class Cause:
     """Of an effect outside the catalogue of what a verdict names the words before its place: it is tried, for else it
     would be blamed on a cause, and reported as unexplained."""
     mechanical: bool = False
-    """Whether it is a mass, an inertia or a friction: with all torques times one factor, all of these make one motion."""
+    """Whether it is a mass, an inertia or a friction: of all these and all torques one factor changes no motion."""
     setup: bool = False
     """Whether it is how drives are set up and no fault: a log's commands need not have it."""
     reads: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
