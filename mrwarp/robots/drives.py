@@ -102,7 +102,7 @@ def _drive(joint: Joint, choices: Choices) -> Drive:
         kp, kd, source = own, None, "option"
     kd = KD_PER_KP * kp if kd is None else kd
     if (own := chosen(choices.kd, joint.name)) is not None:
-        kd = own
+        kd, source = own, "option" if source == "file" else source
     return Drive(kp=kp, kd=kd, torque_limit=limit, gains_from=source, limit_from="option" if given else "file")
 
 

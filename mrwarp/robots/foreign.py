@@ -176,6 +176,14 @@ class ForeignRobot:
     """Poses of the file, first the one that is called a stance."""
     notes: list[Guess] = field(default_factory=list)
     """Parts left out."""
+    held: dict[str, float] = field(default_factory=dict)
+    """Angles of joints that are no joints any more [rad]."""
+    replaced: dict[str, np.ndarray] = field(default_factory=dict)
+    """Changes of inertias of bodies that no body has [kg·m²], shape (3, 3), in the file's frames."""
+    forward: float = 0.0
+    """How far the axis that was taken as forwards is turned about z from the file's x [rad]."""
+    skip_meshes: bool = False
+    """Whether it was read without its meshes."""
 
     @property
     def rails(self) -> list[str]:
@@ -229,6 +237,7 @@ class ForeignRobot:
         return replace(
             self,
             root=number[self.root],
+            held=self.held | dict(angles),
             bodies=[bodies[body] for body in number],
             joints=[replace(j, parent=number[j.parent], child=number[j.child]) for j in joints],
             shapes=[replace(s, body=number[s.body]) for s in shapes],

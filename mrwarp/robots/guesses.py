@@ -27,6 +27,7 @@ class Subject(Enum):
     ROTOR = "the order of magnitude of a motor"
     HOLDING = "computed from what stands above"
     OMITTED = "known, and not simulated"
+    SECOND = "computed, from the file read twice"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,6 +54,8 @@ class UnderstoodRobot:
     """Height of the trunk in the neutral stance [m]."""
     notes: tuple[str, ...]
     """Guesses and omissions, for the user, first what would change the robot most."""
+    given_rotors: tuple[str, ...]
+    """Joints whose rotor inertia the user gave."""
 
 
 def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
@@ -102,6 +104,7 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
         drives=drives,
         height=float(height),
         notes=sorted_lines(notes),
+        given_rotors=tuple(j.name for j in robot.joints if chosen(choices.armature, j.name) is not None),
     )
 
 
@@ -136,7 +139,8 @@ def _prepared(robot: ForeignRobot, choices: Choices) -> tuple[ForeignRobot, list
         )
     notes += [*robot.notes, *check_base(robot)]
     if choices.forward != "x":
-        robot = robot.turned(Rotation.from_rotvec([0.0, 0.0, FORWARD[choices.forward]]))
+        angle = FORWARD[choices.forward]
+        robot = replace(robot.turned(Rotation.from_rotvec([0.0, 0.0, angle])), forward=angle)
     return robot, notes
 
 

@@ -48,8 +48,9 @@ KINDS = {
 """Kinds of joints by the field's words."""
 
 
-SPLIT = 0.01
-"""Share of a body's mass and inertia that each link has which is put between two of its joints."""
+SPLIT = 1e-6
+"""Share of a body's mass and inertia that each link has which is put between two of its joints: less than the numbers
+of a written robot are exact to, and enough for a body."""
 
 STANCES = ("home", "stand", "standing", "default")
 """Names of keyframes that are a stance, tried before others."""
@@ -71,7 +72,7 @@ def read_mjcf(path: Path, skip_meshes: bool, base: str | None) -> ForeignRobot:
     try:
         with silent():
             spec = mujoco.MjSpec.from_file(str(path))
-            _strip(spec, skip_meshes)
+            strip(spec, skip_meshes)
             model = spec.compile()
     except Exception as error:  # ValueError of the compiler, but also of what reads meshes
         text = one_line(error)
@@ -89,7 +90,7 @@ def read_mjcf(path: Path, skip_meshes: bool, base: str | None) -> ForeignRobot:
     return _Compiled(path, model, base).robot()
 
 
-def _strip(spec: mujoco.MjSpec, meshes: bool) -> None:
+def strip(spec: mujoco.MjSpec, meshes: bool) -> None:
     """Take out what is not read, whether its files are there or not: textures, height fields, meshes if asked."""
     for geom in list(spec.geoms):
         if geom.hfieldname or (meshes and geom.meshname):
@@ -193,7 +194,7 @@ class _Compiled:
         if several := [self.labels[i] for i, found in moving.items() if found[1:]]:
             more = " and others" if several[3:] else ""
             notes.append(
-                f"links of {SPLIT:.0%} of the body's mass were put between the joints of {', '.join(several[:3])}{more}"
+                f"links of a millionth of the body's mass were put between the joints of {', '.join(several[:3])}{more}"
             )
         placed = Rotation.from_quat(model.body_quat[self.root], scalar_first=True)
         return ForeignRobot(

@@ -57,7 +57,8 @@ def with_real_inertias(robot: ForeignRobot) -> tuple[ForeignRobot, list[Guess]]:
         f"{old:.3g} kg·m² at {body.mass:.3g} kg would be a body of {np.sqrt(old / body.mass):.2g} m): those of solid "
         f"boxes were taken ({body.name}: {new:.3g} kg·m²); write the right ones there"
     )
-    return replace(robot, bodies=bodies), [Guess(subject=Subject.INERTIA, text=text)]
+    changes = {robot.bodies[k].name: bodies[k].inertia - robot.bodies[k].inertia for _, k in found}
+    return replace(robot, bodies=bodies, replaced=changes), [Guess(subject=Subject.INERTIA, text=text)]
 
 
 def _outline(robot: ForeignRobot, body: int) -> np.ndarray:

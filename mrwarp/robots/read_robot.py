@@ -47,6 +47,7 @@ def read_robot(path: Path, meshes: Meshes | None = None, base: str | None = None
         return _read_usd(path, base)
     is_urdf = kind == "URDF" or b"<robot" in path.read_bytes()[:4096]
     robot = _read_urdf(path, meshes, base) if is_urdf else read_mjcf(path, meshes.skip, base)
+    robot.skip_meshes = meshes.skip
     if meshes.skip:
         text = "--skip-meshes left out all meshes, and with them soles and wheels that are meshes"
         robot.notes.append(Guess(subject=Subject.FEET, text=text))
@@ -64,7 +65,7 @@ def _read_urdf(path: Path, meshes: Meshes, base: str | None) -> ForeignRobot:
 
     robot = read_by_newton(path, add, urdf.base)
     robot.base_said = "user" if base else "file" if urdf.base_said else ""
-    robot.notes += [Guess(subject=Subject.BASE, text=text) for text in urdf.notes]
+    robot.notes += urdf.notes
     pairs = [prim_names(pair) for pair in urdf.mimics.items()]
     robot.couplings += [Coupling(text=f"<mimic> ties {a} to {b}", joints=(a, b)) for a, b in pairs]
     return robot

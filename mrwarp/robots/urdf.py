@@ -13,6 +13,7 @@ from urllib.parse import unquote
 import trimesh
 
 from mrwarp.robots.foreign import RobotFileError
+from mrwarp.robots.guesses import Guess, Subject, some
 from mrwarp.run_dir import one_line
 
 
@@ -38,8 +39,8 @@ class Urdf:
     """Whether the file says so, by such a link."""
     mount: tuple[list[float], list[float]]
     """Where the link world bears the root: place [m] and roll, pitch, yaw [rad]."""
-    notes: list[str]
-    """Note on the chosen base."""
+    notes: list[Guess]
+    """Notes on the base, and on what was left out."""
     mimics: dict[str, str]
     """Joints that follow another one, and which."""
 
@@ -69,7 +70,8 @@ def checked_urdf(path: Path, meshes: Meshes, base: str | None) -> Urdf:
     if next((e for e in root.iter() if "xacro" in e.tag), None) is not None:
         raise RobotFileError(f"{path}: it holds xacro macros; expand them first: xacro {path.name} > robot.urdf")
     _check_numbers(path, root)
-    notes = _add_ground(root)
+    notes = [Guess(subject=Subject.BASE, text=text) for text in _add_ground(root)]
+    notes += [Guess(subject=Subject.OMITTED, text=text) for text in _without_idle_mimics(root)]
     mount, said = ([0.0] * 3, [0.0] * 3), _check_tree(path, root) == GROUND
     base = (base or "free") if not said else _off_the_ground(path, root, base, mount)
     for limit in root.iterfind("joint[@type='continuous']/limit"):  # it has none there, but Newton would take them
@@ -98,6 +100,16 @@ def _add_ground(root: ET.Element) -> list[str]:
         return []
     ET.SubElement(root, "link", name=GROUND)
     return [f"joint {named[0].get('name')} names a link {GROUND} that the file lacks: it was taken as the ground"]
+
+
+def _without_idle_mimics(root: ET.Element) -> list[str]:
+    """Take <mimic> off joints that are fixed: they follow nothing; returns a note."""
+    idle = [joint for joint in root.iterfind("joint[@type='fixed']") if joint.find("mimic") is not None]
+    for joint in idle:
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+    names = some([joint.get("name", "") for joint in idle])
+    return [f"<mimic> of {names} was left out: the joint is fixed"] if idle else []
 
 
 def _off_the_ground(
@@ -252,7 +264,7 @@ def _places(path: Path, name: str, packages: Sequence[Path]) -> Iterator[Path]:
     elif scheme == "file":
         yield Path(unquote(rest))
     else:
-        inner = unquote(rest)
+        inner = unquote(rest).lstrip("/")  # package:///meshes names no package
         package, _, own = inner.partition("/")
         around = path.resolve().parents
         for folder in (*packages, *around):

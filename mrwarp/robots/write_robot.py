@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -15,12 +17,17 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from mrwarp.env.asset_trial import convert
 from mrwarp.robots.foreign import Body, Joint, Shape
 from mrwarp.robots.legs import Foot, UnderstoodRobot
+from mrwarp.robots.second.compared import checked
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.open_stage import AssetError
-from mrwarp.usd.robot_layout import NO_LIMIT, WEIGHTLESS, write_layout
+from mrwarp.usd.robot_layout import NO_LIMIT, WEIGHTLESS, add_note, write_layout
 
 FRICTION_OF_CONSTRAINTS = {"mjc:solimpfriction": (0.9999, 0.9999, 0.001, 0.5, 2.0), "mjc:solreffriction": (0.01, 1.0)}
 """How stiff MuJoCo's dry friction is, which carries the brake of an MR device; see ``assets/usd/mr_go.usda``."""
+
+ROUNDING = 1e-6
+"""Share of a body's largest moment by which the other two exceed it together at least: flat bodies have none left, and
+the 7 digits of the written numbers would take it below."""
 
 TYPES = Sdf.ValueTypeNames
 
@@ -35,6 +42,7 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
 
     Raises:
         AssetError: the robot cannot stand.
+        RobotFileError: a second reading of its file says something else.
     """
     robot, layout = understood.robot, understood.layout
     stage = Usd.Stage.CreateInMemory()
@@ -63,6 +71,7 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
         _apply(prim, "PhysicsRigidBodyAPI", "PhysicsMassAPI")
         _place(prim, poses[k])
         moments, axes = np.linalg.eigh(body.inertia)
+        moments[:2] += 0.5 * max(0.0, (1.0 + ROUNDING) * moments[2] - moments[0] - moments[1])
         turn = Rotation.from_matrix(axes * np.sign(np.linalg.det(axes)))
         _set(prim, "physics:mass", TYPES.Float, body.mass)
         if weightless:
@@ -93,7 +102,7 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
         for attribute, value in (("kp", drive.kp), ("kd", drive.kd), ("maxEffort", drive.torque_limit)):
             _set(motor, f"newton:{attribute}", TYPES.Float, value)
     write_layout(stage, layout, understood.notes)
-    return save_checked(stage.GetRootLayer(), path)
+    return save_checked(stage.GetRootLayer(), path, lambda model: checked(understood, model).line)
 
 
 def _is_solid(body: Body) -> bool:
@@ -102,15 +111,24 @@ def _is_solid(body: Body) -> bool:
     return body.mass > 0.0 and 0.0 < moments[0] and moments[2] <= moments[0] + moments[1]
 
 
-def save_checked(layer: Sdf.Layer, path: Path) -> RobotAsset:
-    """Write a layer next to its file, try it out, and only then let it take the file's place."""
+def save_checked(layer: Sdf.Layer, path: Path, check: Callable[[mujoco.MjModel], str] | None = None) -> RobotAsset:
+    """Write a layer next to its file, try it out, and only then let it take the file's place.
+
+    Args:
+        layer: The layer.
+        path: Its file.
+        check: Refuses the robot as it is simulated, or returns a note on it.
+    """
     copy = path.with_name(f".{path.stem}-new{path.suffix}")
     try:
         layer.Export(str(copy))
         try:
-            convert(load_robot(robot=str(copy)))
+            model = convert(load_robot(robot=str(copy)))
         except (AssetError, ValueError) as error:
             raise AssetError(str(error).replace(str(copy), str(path))) from None
+        if check is not None:
+            add_note(Usd.Stage.Open(layer), check(model))
+            layer.Export(str(copy))
         os.replace(copy, path)
     finally:
         copy.unlink(missing_ok=True)

@@ -67,6 +67,11 @@ def read_notes(stage: Usd.Stage) -> tuple[str, ...]:
     return tuple(notes.Get() or ()) if notes else ()
 
 
+def add_note(stage: Usd.Stage, note: str) -> None:
+    """Write one more note on a robot."""
+    stage.GetDefaultPrim().CreateAttribute(NOTES, Sdf.ValueTypeNames.StringArray).Set([*read_notes(stage), note])
+
+
 def write_layout(stage: Usd.Stage, layout: Layout, notes: Sequence[str] = ()) -> None:
     """Write a layout, and notes on it, into a stage whose joints and feet are there."""
     if notes:

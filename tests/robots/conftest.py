@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 LEG = """
@@ -96,3 +97,31 @@ def file(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
+
+
+def _random_urdf(rng: np.random.Generator, *, held: bool, links: int = 9) -> str:
+    """A tree whose links hang on fixed joints as often as on hinges, with offsets and rotated inertias."""
+
+    def place() -> str:
+        xyz, rpy = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1.5, 1.5, 3)
+        return f'<origin xyz="{" ".join(map(str, xyz))}" rpy="{" ".join(map(str, rpy))}"/>'
+
+    text = '<link name="world"/>' * held
+    for k in range(links):
+        mass, (a, b, c) = rng.uniform(0.1, 3.0), rng.uniform(0.001, 0.01, 3)
+        inertia = f'<inertia ixx="{b + c}" iyy="{a + c}" izz="{a + b}" ixy="0" ixz="0" iyz="0"/>'
+        text += f'<link name="l{k}"><inertial>{place()}<mass value="{mass}"/>{inertia}</inertial></link>'
+        if k == 0 and not held:
+            continue
+        kind = "fixed" if k == 0 or rng.random() < 0.5 else "continuous"
+        axis = f'<axis xyz="{" ".join(map(str, rng.normal(size=3)))}"/><limit effort="9" velocity="9"/>'
+        parent = "world" if k == 0 else f"l{rng.integers(k)}"
+        ends = f'<parent link="{parent}"/><child link="l{k}"/>'
+        text += f'<joint name="j{k}" type="{kind}">{place()}{ends}{axis * (kind != "fixed")}</joint>'
+    return f'<robot name="tree">{text}</robot>'
+
+
+@pytest.fixture
+def random_urdf() -> Callable[..., str]:
+    """Writes trees with fixed joints."""
+    return _random_urdf

@@ -1,5 +1,6 @@
 """Links on fixed joints: what they add to the body that bears them, against MuJoCo's own reading and by hand."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -10,28 +11,6 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 from mrwarp.robots.foreign import ForeignRobot
 from mrwarp.robots.read_robot import read_robot
 from mrwarp.usd.converted import convert_stage
-
-
-def random_urdf(rng: np.random.Generator, *, held: bool, links: int = 9) -> str:
-    """A tree whose links hang on fixed joints as often as on hinges, with offsets and rotated inertias."""
-
-    def place() -> str:
-        xyz, rpy = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1.5, 1.5, 3)
-        return f'<origin xyz="{" ".join(map(str, xyz))}" rpy="{" ".join(map(str, rpy))}"/>'
-
-    text = '<link name="world"/>' * held
-    for k in range(links):
-        mass, (a, b, c) = rng.uniform(0.1, 3.0), rng.uniform(0.001, 0.01, 3)
-        inertia = f'<inertia ixx="{b + c}" iyy="{a + c}" izz="{a + b}" ixy="0" ixz="0" iyz="0"/>'
-        text += f'<link name="l{k}"><inertial>{place()}<mass value="{mass}"/>{inertia}</inertial></link>'
-        if k == 0 and not held:
-            continue
-        kind = "fixed" if k == 0 or rng.random() < 0.5 else "continuous"
-        axis = f'<axis xyz="{" ".join(map(str, rng.normal(size=3)))}"/><limit effort="9" velocity="9"/>'
-        parent = "world" if k == 0 else f"l{rng.integers(k)}"
-        ends = f'<parent link="{parent}"/><child link="l{k}"/>'
-        text += f'<joint name="j{k}" type="{kind}">{place()}{ends}{axis * (kind != "fixed")}</joint>'
-    return f'<robot name="tree">{text}</robot>'
 
 
 def jacobian_mass_matrix(robot: ForeignRobot, q: dict[str, float]) -> np.ndarray:
@@ -51,7 +30,7 @@ def jacobian_mass_matrix(robot: ForeignRobot, q: dict[str, float]) -> np.ndarray
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_random_trees_have_mujocos_mass_matrix(seed: int, tmp_path: Path) -> None:
+def test_random_trees_have_mujocos_mass_matrix(seed: int, tmp_path: Path, random_urdf: Callable[..., str]) -> None:
     """Newton's own merging is wrong by tens of percent on each of them."""
     rng = np.random.default_rng(seed)
     text = random_urdf(rng, held=seed % 2 == 0)

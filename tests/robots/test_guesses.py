@@ -35,6 +35,6 @@ def test_an_import_ends_with_its_guesses(robot: Robot, capsys: pytest.CaptureFix
     assert notes[0].startswith("guessed where the file is silent, first what would change the robot most")
     subjects = [note.rpartition("[")[2].partition(":")[0] for note in notes[1:]]
     order = [subject.name.lower() for subject in Subject]
-    assert subjects == sorted(subjects, key=order.index) == ["stance", "gains", "holding"]
+    assert subjects == sorted(subjects, key=order.index) == ["stance", "gains", "holding", "second"]
     assert main(["robot", "show", str(out)]) == 0
     assert capsys.readouterr().out.splitlines()[-len(notes) :] == notes
