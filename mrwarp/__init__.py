@@ -1,12 +1,28 @@
 """mrwarp: identify MR and other semi-active joints from recordings, and simulate robots that have them.
 
-The names below are the public interface; each is loaded when it is first used, and its docstring has an example. What
-the package needs beyond recordings is in its extras: ``pip install 'mrwarp[sim]'``.
+    load_recording  read recordings of one joint: t, q, qd, current, torque
+    fit             identify the joint: a model with units and intervals
+    diagnose        what that model lacks, how much and how sure
+    load_model      read a model.json, or a device of the library
+    save_model      write one
+    Model           what it holds
+    MrParams        the numbers of one joint, each with unit, range and source
+    JointBatch      joints without a robot: angle, velocity, current in, torque out
+    DriveMR         the joint in a Newton scene
+    LearnedTorque   a network in place of, or on top of, the laws
+    TaskCfg         choices of the walking task; EnvCfg is another name of it
+    EnvCfg          the same class
+    WalkEnv         robots that learn to walk, batched
+    OnnxPolicy      a trained policy
+
+The joint in plain MuJoCo is ``mrwarp.mujoco.Brake``. Each name is loaded when it is first used, and its docstring has
+an example. What the package needs beyond recordings is in its extras: ``pip install 'mrwarp[sim]'``.
 """
 
 from __future__ import annotations
 
 import importlib
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -24,6 +40,8 @@ if TYPE_CHECKING:
     from mrwarp.params import MrParams as MrParams
     from mrwarp.recording.load import load_recording as load_recording
     from mrwarp.rl.policy import OnnxPolicy as OnnxPolicy
+
+__version__: str
 
 _PLACES = {
     "DriveMR": "mrwarp.actuator.newton_drive",
@@ -48,6 +66,8 @@ __all__ = sorted(_PLACES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first asked for."""
+    if name == "__version__":
+        return version("mrwarp")
     if name not in _PLACES:
         raise AttributeError(f"module 'mrwarp' has no attribute {name!r}; it has {', '.join(__all__)}")
     place, _, other = _PLACES[name].partition(":")
@@ -58,4 +78,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return [*__all__, "__version__"]

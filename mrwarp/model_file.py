@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeAlias
 
 from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS, KNOWN
 from mrwarp.effects.law import EffectParameter
@@ -283,6 +283,39 @@ def save_model(model: Model, path: str | Path) -> Path:
     """
     text = json.dumps(model_to_dict(model), indent=2, allow_nan=False, ensure_ascii=False)
     return write_text(Path(path), text + "\n")
+
+
+class HasModel(Protocol):
+    """What ``mrwarp.fit`` and ``mrwarp.diagnose`` return."""
+
+    @property
+    def model(self) -> Model | None:
+        """The device."""
+        ...
+
+
+Device: TypeAlias = "str | Path | Model | HasModel | MrParams | None"
+"""A device as people have it: a file or a name of the library, its content, a fit, parameters; None is the paper's."""
+
+
+def read_device(device: Device) -> Model | MrParams:
+    """The model, or the parameters, that a device stands for.
+
+    Raises:
+        ModelFileError: the model file cannot be used, or a diagnosis came to no model.
+        TypeError: it is none of these.
+    """
+    if isinstance(device, str | Path):
+        return load_model(device)
+    if device is None:
+        return MrParams()
+    found = device if isinstance(device, Model | MrParams) else getattr(device, "model", device)
+    if found is None:
+        raise ModelFileError("the diagnosis came to no model, so there is no device; give the model of a fit")
+    if not isinstance(found, Model | MrParams):
+        allowed = "a model.json, a device of 'mrwarp device list', a Model, what mrwarp.fit returned, or MrParams"
+        raise TypeError(f"{type(device).__name__} is no device; give {allowed}")
+    return found
 
 
 @_of_a_model()

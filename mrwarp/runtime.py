@@ -120,20 +120,30 @@ def quiet_libraries(*, gpu: bool = True, networks: bool = True) -> None:
         gpu: Let Warp complain if there is no GPU.
         networks: Load torch, which not every command needs and not every installation has.
     """
-    import warp as wp
-
     warnings.formatwarning = _one_line_warning
     warnings.simplefilter("once", DeviceWarning)  # from any place in the code
-    wp.config.log_level = wp.LOG_WARNING
-    if not gpu and gpu_count() == 0:
-        with _silent_stderr():
-            wp.init()
+    quiet_warp(gpu=gpu)
     logging.getLogger("newton").setLevel(logging.WARNING)
     if networks:
         import torch
 
         torch.set_num_threads(1)
         leave_compiler_out(torch)
+
+
+def quiet_warp(*, gpu: bool = False) -> None:
+    """Silence Warp's notes on what it finds and compiles, unless a level was chosen before.
+
+    Args:
+        gpu: Let it complain if there is no GPU.
+    """
+    import warp as wp
+
+    if wp.config.log_level == wp.LOG_INFO:  # its default
+        wp.config.log_level = wp.LOG_WARNING
+    if not gpu and gpu_count() == 0:
+        with _silent_stderr():
+            wp.init()
 
 
 @contextlib.contextmanager

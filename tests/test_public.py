@@ -2,8 +2,11 @@
 
 import doctest
 import inspect
+import pydoc
+import re
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -36,7 +39,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_list_is_what_users_know() -> None:
     """At most forty names, and none that is not listed here."""
-    assert mrwarp.__all__ == NAMES == dir(mrwarp) and len(NAMES) <= MOST
+    assert mrwarp.__all__ == NAMES and sorted(dir(mrwarp)) == [*NAMES[:9], "__version__", *NAMES[9:]]
+    assert len(NAMES) <= MOST
     with pytest.raises(AttributeError, match="no attribute 'JointBach'; it has DriveMR"):
         mrwarp.JointBach  # noqa: B018
 
@@ -59,6 +63,20 @@ def test_nothing_is_loaded_before_it_is_used() -> None:
     script = "import sys, mrwarp; print(*sorted({'numpy', 'warp', 'torch', 'newton', 'scipy'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
+
+
+def test_help_begins_with_the_names() -> None:
+    """``help(mrwarp)`` lists what users import, each with a line, before anything else; and there is a version."""
+    shown = pydoc.plain(pydoc.render_doc(mrwarp)).partition("PACKAGE CONTENTS")[0]
+    assert [name for name in NAMES if not re.search(rf"^ +{name}  +\w", shown, re.MULTILINE)] == []
+    assert mrwarp.__version__ == version("mrwarp")
+
+
+def test_the_first_lines_print_what_they_are_asked_to() -> None:
+    """No start-up notes of the libraries on either stream."""
+    script = "import mrwarp; print(mrwarp.JointBatch(dt=0.005).step(0.0, 1.0, 0.5).shape)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("(1,)\n", "")
 
 
 def test_it_is_typed() -> None:

@@ -60,11 +60,6 @@ def contradictions(recording: Recording, settings: Settings | None = None) -> li
         )
     if float(np.ptp(torque)) == 0.0:
         return [*found, f"the torque is {torque[0]:.4g} throughout: is the sensor connected? Then record again"]
-    if units["current"] in _COIL and current.max() <= 0.0 and current.min() < 0.0:
-        found.append(
-            f"the {current_name} is negative throughout ({current.min():.4g} to {current.max():.4g}): eq. 14 counts it "
-            "as a size; turn its sign and try again"
-        )
     if found or (wrong := _jumps(recording, settings.gain) or _wrong_velocity(recording, settings.gain)):
         return found or [wrong]
     copies = {"q": q, "qd": qd, "current": current}

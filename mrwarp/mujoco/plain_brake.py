@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.joint_batch import JointBatch
-from mrwarp.model_file import Model, load_model
-from mrwarp.params import MrParams
+from mrwarp.model_file import Device
 
 
 class Brake:
@@ -37,7 +34,8 @@ class Brake:
             the joint's armature, which gets the inertia of the device's rotor, are changed.
         data: Its data.
         joint: Name or number of a hinge.
-        device: A model.json, its content, or parameters; None is the paper's device.
+        device: A model.json or a name of the library, a model, what :func:`mrwarp.fit` returned, or parameters; None is
+            the paper's device.
 
     Attributes:
         bound: Dry friction that the device may use in this step [N·m].
@@ -52,7 +50,7 @@ class Brake:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         joint: str | int,
-        device: str | Path | Model | MrParams | None = None,
+        device: Device = None,
     ) -> None:
         number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint) if isinstance(joint, str) else joint
         if not 0 <= number < model.njnt:
@@ -63,8 +61,7 @@ class Brake:
         self.model, self.data, self.bound = model, data, 0.0
         self._q, self._v = int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
         dt, v = model.opt.timestep, self._v
-        found = load_model(device) if isinstance(device, str | Path) else device
-        self._joint = JointBatch(found, dt=dt)
+        self._joint = JointBatch(device, dt=dt)
         self._own_friction = float(model.dof_frictionloss[v])
         armature = float(model.dof_armature[v]) + self._joint.inertia
         if armature < 0.0:
@@ -80,9 +77,15 @@ class Brake:
         """Set the friction of the step that follows; returns the device's bound [N·m].
 
         Args:
-            current: Commanded coil current [A].
+            current: Commanded coil current [A]; a negative one acts by its size.
+
+        Raises:
+            ValueError: the current, or the joint's state, is no finite number; the friction stays what it was.
         """
         q, qd = self.data.qpos[self._q], self.data.qvel[self._v]
+        for name, value in (("current", current), ("angle", q), ("velocity", qd)):
+            if not np.isfinite(value):
+                raise ValueError(f"{name} = {value} is no finite number; the simulation or its controller has diverged")
         self._joint.step(np.array([q]), np.array([qd]), np.array([current]))
         self.bound = float(self._joint.bound()[0])
         self.model.dof_frictionloss[self._v] = self._own_friction + self.bound

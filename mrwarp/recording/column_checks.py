@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.recording.data import DEGREES, Repair, Trajectory
+from mrwarp.recording.data import DEGREES, Recording, Repair, Trajectory, quantity
 from mrwarp.recording.differentiate import differentiate
 from mrwarp.recording.tables import Table
 from mrwarp.recording.units import PER, Units
@@ -16,6 +17,11 @@ TURNS = 4.0
 
 LARGEST = 1e20
 """Largest number that is taken for a reading in any unit: nanoseconds since 1970 are 2e18."""
+
+SIGNED = 0.02
+"""Part of the largest current, in size, below which a negative one is the noise and zero of its sensor."""
+FOLLOWS = 0.1
+"""Share of the variance of the torque against the motion that the size of a signed current explains at least."""
 
 _PLAUSIBLE = {
     # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
@@ -225,3 +231,29 @@ def derivative_ratio(part: Trajectory) -> float:
     derived = differentiate(part.q, part.dt)
     own, other = float(np.sqrt(np.mean(part.qd**2))), float(np.sqrt(np.mean(derived**2)))
     return other / own if own > 1e-9 and other > 1e-9 else 1.0
+
+
+def sized_currents(recording: Recording) -> Recording:
+    """Take the size of a current that makes a field, where it was logged with a sign; a note says so.
+
+    A fluid does not know in which direction its coil is wound. A motor does: there the torque follows the current with
+    its sign, over a line, better than the torque against the motion follows its size, and the sign stays. It stays,
+    too, where the torque has one direction only, as that of two swapped columns.
+    """
+    runs = recording.trajectories
+    torque, current, qd = (np.concatenate([getattr(run, x) for run in runs]) for x in ("torque", "current", "qd"))
+    if recording.units["current"] not in ("A", "V") or current.min() >= -SIGNED * np.abs(current).max():
+        return recording
+    even, signed = _follows(np.abs(current), torque * np.sign(qd)), _follows(current, torque)
+    if current.max() > 0.0 and not (torque.min() < 0.0 < torque.max() and even > max(signed, FOLLOWS)):
+        return recording
+    negative = int(np.count_nonzero(current < 0.0))
+    text = f"{quantity('current', recording.units)}: negative at {negative} samples, which count by their size"
+    repairs = (*recording.repairs, Repair(trajectory=runs[0].id, kind="sized", count=negative, text=text))
+    sized = tuple(replace(run, current=np.abs(run.current)) for run in runs)
+    return replace(recording, trajectories=sized, repairs=repairs)
+
+
+def _follows(x: np.ndarray, y: np.ndarray) -> float:
+    """Share of the variance of one column that a line over another explains; 0 where one does not change."""
+    return float(np.corrcoef(x, y)[0, 1] ** 2) if np.ptp(x) > 0.0 and np.ptp(y) > 0.0 else 0.0

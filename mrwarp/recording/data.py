@@ -81,7 +81,7 @@ class Repair:
     """Trajectory, or file, that it happened to."""
     kind: str
     """``resampled``, ``unwrapped``, ``replaced``, ``integrated``, ``shifted``, ``split``, ``left_out``, ``saturated``,
-    or ``held``, which is said only."""
+    ``sized``, or ``held``, which is said only."""
     count: int
     """Intervals, gaps or samples that are concerned."""
     at: tuple[float, ...] = ()

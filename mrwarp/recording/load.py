@@ -17,6 +17,7 @@ from mrwarp.recording.column_checks import (
     check_plausible,
     check_units,
     held_channels,
+    sized_currents,
     without_marks,
 )
 from mrwarp.recording.data import (
@@ -133,7 +134,7 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
         repairs=tuple(repairs),
         declared=units.given,
     )
-    return mark_saturated(recording)
+    return mark_saturated(sized_currents(recording))
 
 
 def check_same_units(recording: Recording, fitted: Recording) -> None:

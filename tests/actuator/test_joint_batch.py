@@ -1,6 +1,8 @@
 """JointBatch: the simulator's joint without a robot, in and out as NumPy, torch or Warp."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +13,18 @@ from mrwarp.actuator.joint_batch import JointBatch
 from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.identify.replay import simulate
-from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit
+from mrwarp.model_file import (
+    JOINT_UNITS,
+    FittedOn,
+    Model,
+    ModelFileError,
+    Parameter,
+    make_effect,
+    parameter_unit,
+    save_model,
+)
 from mrwarp.params import MrParams
+from tests.effects.strengths import STRENGTHS
 
 DT = 0.005
 
@@ -110,3 +122,83 @@ def test_nonsense_is_refused(changed: dict, said: str) -> None:
         JointBatch(**{"num": 2, "dt": DT, **changed})
     with pytest.raises(ValueError, match=r"qd has shape \(3,\), need \(2,\)"):
         JointBatch(num=2, dt=DT).step(np.zeros(2), np.zeros(3), 0.0)
+
+
+def test_every_form_of_a_device_is_the_same(tmp_path: Path) -> None:
+    """A path, a name of the library, a model and what holds one; what is none is refused by its type."""
+    model, file = brake(K1=7.0), tmp_path / "model.json"
+    save_model(model, file)
+    wanted = JointBatch(model, dt=DT).step(0.0, 1.0, 0.5)
+    for form in (file, str(file), SimpleNamespace(model=model)):
+        np.testing.assert_array_equal(JointBatch(form, dt=DT).step(0.0, 1.0, 0.5), wanted)
+    assert JointBatch("paper", dt=DT).step(0.0, 1.0, 0.5) == pytest.approx(JointBatch(dt=DT).step(0.0, 1.0, 0.5), 1e-5)
+    with pytest.raises(TypeError, match="dict is no device; give a model.json"):
+        JointBatch({"K1": 7.0}, dt=DT)
+    with pytest.raises(ModelFileError, match="came to no model"):
+        JointBatch(SimpleNamespace(model=None), dt=DT)
+
+
+BAD: list[tuple[dict, dict, str]] = [
+    ({"num": 2.0}, {}, "num = 2.0 must be a whole number"),
+    ({"joints": True}, {}, "joints = True must be a whole number"),
+    ({"dt": "0.005"}, {}, "dt = '0.005': give the step as a number"),
+    ({"device": "gpu"}, {}, "device = 'gpu': Warp has none such here; choose from cpu"),
+    ({"z_step": "rk4"}, {}, "'rk4' is not a valid ZStep"),
+    ({}, {"q": np.zeros((2, 1))}, r"q has shape \(2, 1\), need \(2,\)"),
+    ({}, {"q": ["a", "b"]}, "q is of <U1; give real numbers"),
+    ({}, {"current": np.zeros(2, complex)}, "current is of complex128; give real numbers"),
+    ({}, {"qd": torch.zeros(2, requires_grad=True)}, r"qd requires a gradient, .* pass qd.detach\(\)"),
+    ({}, {"qd": wp.zeros(2, dtype=wp.float64, device="cpu")}, "qd is a Warp array of float64; give float32"),
+    ({}, {"out": np.zeros(3)}, r"out has shape \(3,\), need \(2,\)"),
+    ({}, {"out": np.zeros(2, int)}, "out is a ndarray of int64; with this q give a NumPy array of floats"),
+    ({}, {"out": torch.zeros(2)}, "out is a Tensor of torch.float32; with this q give a NumPy array"),
+]
+
+
+@pytest.mark.parametrize(("made", "given", "said"), BAD)
+def test_a_wrong_argument_is_one_error_that_names_it(made: dict, given: dict, said: str) -> None:
+    """And nothing has happened to the joints."""
+    arguments = {"num": 2, "dt": DT, **made}
+    if made:
+        with pytest.raises((TypeError, ValueError), match=said):
+            JointBatch(**arguments)
+        return
+    joints = JointBatch(**arguments)
+    before = joints.state()
+    with pytest.raises((TypeError, ValueError), match=said):
+        joints.step(**{"q": np.zeros(2), "qd": np.ones(2), "current": 1.0, **given})
+    for name, value in joints.state().items():
+        np.testing.assert_array_equal(value, before[name])
+
+
+@pytest.mark.parametrize(
+    ("mask", "said"), [([1, 0], "mask is of int64; give bool"), ([True], r"mask has shape \(1,\), need \(2,\)")]
+)
+def test_a_mask_says_which(mask: list, said: str) -> None:
+    """Numbers of environments are no mask, and one truth is not for all."""
+    with pytest.raises((TypeError, ValueError), match=said):
+        JointBatch(num=2, dt=DT).reset(mask)
+
+
+@pytest.mark.parametrize("effects", [(), ("remanence", "coulomb_friction", "command_delay", "coil_lag")])
+def test_the_law_is_even_in_the_current_and_keeps_no_number(effects: tuple[str, ...]) -> None:
+    """-I is as I, cut to the largest by size; NaN or infinity in an input of a joint is NaN in its torque and bound."""
+    model = replace(brake(), effects=tuple(make_effect(name, STRENGTHS[name]) for name in effects))
+    batches = [JointBatch(model, 3, dt=DT) for _ in range(2)]
+    q, qd, current = motion(60, (3,), seed=4)
+    current = 2.0 * np.abs(current)
+    for k in range(60):
+        rows = [batch.step(q[k], qd[k], sign * current[k]) for batch, sign in zip(batches, (1.0, -1.0), strict=True)]
+        np.testing.assert_array_equal(*rows)
+        np.testing.assert_array_equal(*(batch.bound() for batch in batches))
+    for wrong in (np.nan, np.inf, -np.inf):
+        for k in range(3):
+            joints = JointBatch(model, 3, dt=DT)
+            plain = JointBatch(model, 3, dt=DT)
+            given = [np.full(3, 0.1), np.array([0.0, 0.05, 2.0]), np.full(3, 1.0)]
+            wanted = plain.step(*given)
+            for joint in (0, 1):  # at rest, where eq. 18 would hold with full torque
+                given[k][joint] = wrong
+            got = joints.step(*given)
+            assert np.isnan(got[:2]).all() and np.isnan(joints.bound()[:2]).all()
+            assert got[2] == wanted[2] and joints.bound()[2] == plain.bound()[2]

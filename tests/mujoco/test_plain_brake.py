@@ -83,3 +83,20 @@ def test_a_joint_that_is_none_is_refused() -> None:
         Brake(model, data, "elbow")
     with pytest.raises(ValueError, match="is no hinge"):
         Brake(model, data, "rail")
+
+
+def test_a_current_that_is_none_is_refused_and_a_negative_one_holds() -> None:
+    """NaN changes nothing in the model; the size of a negative current holds the arm."""
+    model, data = arm()
+    brake = Brake(model, data, "knee", "paper")
+    for _ in range(200):
+        brake.step(-1.0)
+        mujoco.mj_step(model, data)
+    assert abs(data.qvel[0]) < 1e-4
+    before = model.dof_frictionloss[0]
+    with pytest.raises(ValueError, match="current = nan is no finite number"):
+        brake.step(float("nan"))
+    data.qvel[0] = np.inf
+    with pytest.raises(ValueError, match="velocity = inf is no finite number"):
+        brake.step(1.0)
+    assert model.dof_frictionloss[0] == before > 1.0

@@ -401,3 +401,32 @@ def test_angle_and_speed_that_are_swapped_are_no_degrees(tmp_path: Path, capsys:
     data = {"t": t, "q": qd, "qd": q, "current": np.ones(400), "torque": np.tanh(qd)}
     assert cli.main(["check", str(write(tmp_path / "a.csv", data))]) == 2
     assert "are two columns swapped" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("sign", "sized"),
+    [(lambda t: -1.0, True), (lambda t: np.where(t % 2.0 < 1.0, 1.0, -1.0), True), (lambda t: 1.0, False)],
+)
+def test_a_negative_current_of_a_coil_counts_by_its_size(
+    tmp_path: Path, sign: Callable[[np.ndarray], np.ndarray], sized: bool
+) -> None:
+    """Negative throughout, or a command that changes its direction: its size counts, and a note says so."""
+    data = columns(1200)
+    data["current"] = 0.5 + 0.5 * np.sin(3.0 * data["t"])
+    data["torque"] = (0.3 + data["current"]) * np.tanh(4.0 * data["qd"])
+    plain = load_recording(write(tmp_path / "plain.csv", data))
+    data["current"] = data["current"] * sign(data["t"])
+    found = load_recording(write(tmp_path / "signed.csv", data))
+    np.testing.assert_array_equal(found.trajectories[0].current, plain.trajectories[0].current)
+    assert any("which count by their size" in line for line in found.repaired()) is sized
+
+
+@pytest.mark.parametrize("motor", [True, False])
+def test_the_sign_stays_where_it_says_something(tmp_path: Path, motor: bool) -> None:
+    """Of a motor whose torque follows it, and of a sensor whose zero is a little off."""
+    data = columns(1200)
+    data["current"] = np.sin(3.0 * data["t"]) if motor else np.where(data["t"] < 3.0, 1.0, -0.004)
+    data["torque"] = (1.5 * data["current"] if motor else 0.4) + 0.1 * np.tanh(4.0 * data["qd"])
+    found = load_recording(write(tmp_path / "log.csv", data))
+    np.testing.assert_allclose(found.trajectories[0].current, data["current"], atol=1e-12)
+    assert found.repairs == ()
