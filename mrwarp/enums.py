@@ -39,6 +39,14 @@ the support current, and at the fixed one with the gates of the last arm; both w
 command one at 50 Hz."""
 
 
+BENCH_PARTS = {
+    "inertia": ("rotor_inertia",),
+    "gravity": ("gravity",),
+    "friction": ("coulomb_friction", "friction_asymmetry"),
+}
+"""Parts of a bench that turn with the joint, and the effects that they show as: no robot's joint has them."""
+
+
 class ZStep(enum.Enum):
     """Step of the hysteresis state: the paper's explicit Euler, or the closed form for constant velocity."""
 

@@ -20,6 +20,7 @@ from typing import Any, Protocol, TypeAlias
 
 from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS, KNOWN
 from mrwarp.effects.law import EffectParameter
+from mrwarp.enums import BENCH_PARTS
 from mrwarp.options.json_file import (
     JsonFileError,
     checked_interval,
@@ -98,6 +99,8 @@ class Effect:
 
     name: str
     parameters: Mapping[str, Parameter]
+    bench: bool = False
+    """Whether it belongs to the bench, as the inertia and the weight of its arm do, and to no robot's joint."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -109,9 +112,9 @@ class Effect:
         """Whether the effect, or law, is part of the device and acts in the simulator.
 
         Effects of the kinds ``sensor`` and ``calibration`` are properties of the bench's log and do not act on a robot,
-        nor does an effect that the catalogue does not know.
+        nor does one of the bench's own, or one that the catalogue does not know.
         """
-        return self.name in KNOWN and KNOWN[self.name].kind in ("mechanism", "law")
+        return not self.bench and self.name in KNOWN and KNOWN[self.name].kind in ("mechanism", "law")
 
     def __str__(self) -> str:
         """Name, values, units and intervals on one line."""
@@ -119,7 +122,8 @@ class Effect:
         for name, p in self.parameters.items():
             interval = f", 95 % interval {p.ci95[0]!r} to {p.ci95[1]!r}" if p.ci95 else ""
             parts.append(f"{key_shown(name)} = {p.value!r}{with_unit(key_shown(p.unit))}{interval}")
-        return f"{key_shown(self.name)}{': ' if parts else ''}{'; '.join(parts)}"
+        of_bench = " (of the bench)" if self.bench else ""
+        return f"{key_shown(self.name)}{of_bench}{': ' if parts else ''}{'; '.join(parts)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,6 +349,9 @@ def model_to_dict(model: Model) -> dict[str, Any]:
     for entry in [*content["parameters"].values(), *(p for e in content["effects"] for p in e["parameters"].values())]:
         if not entry["source"]:
             del entry["source"]
+    for entry in content["effects"]:
+        if not entry["bench"]:
+            del entry["bench"]
     if model.device_mass is None:
         del content["device_mass"]
     if model.law is not None:
@@ -398,6 +405,33 @@ def stated(model: Model, numbers: Mapping[str, Parameter]) -> Model:
     return dataclasses.replace(model, parameters={**model.parameters, **values}, device_mass=mass)
 
 
+def of_bench(model: Model, parts: Collection[str]) -> Model:
+    """The model with its effects marked that belong to these parts of the bench, and no others.
+
+    Args:
+        model: A fitted device.
+        parts: Of :data:`mrwarp.enums.BENCH_PARTS`.
+    """
+    marked = {name for part in parts for name in BENCH_PARTS[part]}
+    effects = tuple(dataclasses.replace(effect, bench=effect.name in marked) for effect in model.effects)
+    return dataclasses.replace(model, effects=effects)
+
+
+def bench_note(model: Model) -> str:
+    """One line that asks which of a model's mechanics are the bench's own; empty where none was found.
+
+    Dry friction is left out: it is the device's own far more often than the bench's.
+    """
+    asked = [p for p in ("inertia", "gravity") if any(e.name in BENCH_PARTS[p] for e in model.effects)]
+    if not asked:
+        return ""
+    own = [p for p in asked if any(e.bench for e in model.effects if e.name in BENCH_PARTS[p])]
+    travel = [p for p in asked if p not in own]
+    words = [f"{' and '.join(own)} stay on the bench"] if own else []
+    words += [f"{' and '.join(travel)} travel with the device into a robot's joint"] if travel else []
+    return f"note: {'; '.join(words)}; --bench {' '.join(asked)} marks what belongs to the bench"
+
+
 def acting(effects: Iterable[Effect]) -> dict[str, dict[str, float]]:
     """Numbers of the law and the effects that act in the simulator, by name."""
     return {effect.name: effect.values for effect in effects if effect.acts}
@@ -431,6 +465,8 @@ def silent_note(effects: Iterable[Effect]) -> str:
     for effect in effects:
         if effect.name not in KNOWN:
             found.setdefault("unknown to the catalogue of effects", []).append(key_shown(effect.name))
+        elif effect.bench:
+            found.setdefault("the bench's own", []).append(effect.name)
         elif not effect.acts:
             found.setdefault("of the bench's log, not of the device", []).append(effect.name)
     parts = [f"{', '.join(names)} ({reason})" for reason, names in found.items()]
@@ -491,13 +527,17 @@ def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect
     found: list[Effect] = []
     for i, entry in enumerate(entries):
         place = f"{where}[{i}]"
-        checked_object(entry, place, ("name", "parameters"))
+        entry = {"bench": False, **checked_mapping(entry, place)}
+        checked_object(entry, place, ("name", "parameters", "bench"))
+        if not isinstance(entry["bench"], bool):
+            raise ModelFileError(f"{place}.bench = {shown(entry['bench'])}; allowed: true or false")
         name = checked_text(entry["name"] or None, f"{place}.name")
         if name in CATALOGUE and any(effect.name == name for effect in found):
             raise ModelFileError(f"{place}: {name} stands twice; remove one")
         if name in HYSTERESIS and any(effect.name in HYSTERESIS for effect in found):
             raise ModelFileError(f"{place}: {name} is a second law; a device has one")
-        found.append(_effect(name, checked_mapping(entry["parameters"], f"{place}.parameters"), units, place))
+        effect = _effect(name, checked_mapping(entry["parameters"], f"{place}.parameters"), units, place)
+        found.append(dataclasses.replace(effect, bench=entry["bench"]))
     return tuple(found)
 
 

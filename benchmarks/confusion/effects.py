@@ -76,6 +76,10 @@ _SPECS = (
     Spec(name="backlash", parameter="half_gap", unit="rad", powers=(1, 0, 0), guess=0.0005),
     Spec(name="series_compliance", parameter="compliance", unit="rad/(N·m)", powers=(1, 0, -1), guess=0.003),
     Spec(name="rotor_inertia", parameter="inertia", unit="kg·m²", powers=(-1, 0, 1), guess=0.0005),
+    Spec(
+        name="gravity", parameter="amplitude", unit="N·m", powers=(0, 0, 1), guess=0.5,
+        draw=lambda rng: {"down": rng.uniform(-np.pi, np.pi)},
+    ),
     Spec(name="coulomb_friction", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03),
     Spec(name="friction_asymmetry", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03, draw=_asymmetry),
     Spec(name="load_friction", parameter="F1", unit="N·m/A", powers=(0, -1, 1), guess=0.03),
@@ -289,6 +293,11 @@ def rotor_inertia(e: Effect, s: State) -> np.ndarray:
     return e.strength * s.qdd
 
 
+def gravity(e: Effect, s: State) -> np.ndarray:
+    """The lever of a weight: its horizontal distance from the axis, by complex turning."""
+    return e.strength * (np.exp(1j * s.q) * np.exp(-1j * e.draws["down"])).imag
+
+
 def position_current(e: Effect, s: State) -> np.ndarray:
     """A*sin(4q)*I^2."""
     return e.draws["sign"] * e.strength * np.sin(4.0 * s.q) * s.current**2
@@ -309,7 +318,7 @@ TORQUES: dict[str, Callable[[Effect, State], np.ndarray]] = {
     law.__name__: law
     for law in (
         coulomb_friction, friction_asymmetry, load_friction, position_friction, stribeck, cogging, current_viscosity,
-        rotor_inertia, position_current, position_viscosity, line,
+        rotor_inertia, gravity, position_current, position_viscosity, line,
     )
 }  # fmt: skip
 """Torques that add to those of eq. 14."""

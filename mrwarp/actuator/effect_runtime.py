@@ -28,7 +28,7 @@ def in_kernels(effects: Iterable[Effect]) -> bool:
 
 def added_inertia(effects: Iterable[Effect]) -> float:
     """Armature that the effects add to the joint [kg·m²]."""
-    return sum(effect.values["inertia"] for effect in effects if effect.name == INERTIA)
+    return sum(effect.values["inertia"] for effect in effects if effect.name == INERTIA and effect.acts)
 
 
 def values_row(effects: Iterable[Effect]) -> np.ndarray:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mrwarp.commands.diagnose_options import EARLY, DiagnoseOptions, undisturbed
 from mrwarp.commands.run_fit import Averaged
+from mrwarp.enums import BENCH_PARTS
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.progress_bar import ProgressBar
@@ -32,6 +33,8 @@ class DiagnoseJoint(DiagnoseOptions):
     """nominal model.json, or a device of 'mrwarp device list', against which shifts of calibration count"""
     predict: opt.OptionalFolder = None
     """recordings that take no part but are predicted"""
+    bench: Annotated[tuple[str, ...], opt.some_of(tuple(BENCH_PARTS))] = ()
+    """what belongs to the bench and to no robot's joint; the simulator leaves it out"""
     averaged: Averaged = 0.0
     """moving average [s] that q and torque of --predict passed before they were published; 0 is none"""
     impact: opt.Flag = False
@@ -53,6 +56,7 @@ class DiagnoseJoint(DiagnoseOptions):
             from mrwarp.diagnose.report.diagnosis_page import render
             from mrwarp.diagnose.report.overview_pictures import draw
             from mrwarp.diagnose.report.printed import lines
+            from mrwarp.model_file import bench_note, of_bench
 
             def answered(early: Diagnosis) -> bool:
                 with undisturbed():
@@ -63,6 +67,7 @@ class DiagnoseJoint(DiagnoseOptions):
             with progress:
                 log = Countdown(progress)
                 d = self._diagnose(recording, model, log, answered)
+                d = replace(d, model=d.model and of_bench(d.model, self.bench))
                 if not d.final:
                     progress.done()
                     return self.print_early(lines(d, {}), progress.seconds)
@@ -82,6 +87,8 @@ class DiagnoseJoint(DiagnoseOptions):
             if notes:
                 self._write_result(d, line, extras)
         print("\n".join(lines(d, tables)))
+        if d.model is not None and (note := bench_note(d.model)):
+            print(note)
         names = ", ".join([*written, "report.html", f"pictures/ ({len(pictures)} PNG)"])
         print(f"\n{names} in {self.out} ({progress.seconds:.0f} s)")
         return 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from mrwarp.enums import HYSTERESIS_LAWS, LEARNED
+from mrwarp.enums import BENCH_PARTS, HYSTERESIS_LAWS, LEARNED
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.options.progress_bar import ProgressBar
@@ -106,6 +106,8 @@ class Fit(Options):
     """resistance of the coil [Ohm] (default: the recording's header; else not known, and no power of coils is given)"""
     device_mass: Annotated[float | None, opt.one(opt.within(1e-3, 100.0, "kg"), "M")] = None
     """mass of the device [kg] (default: the recording's header; else not known)"""
+    bench: Annotated[tuple[str, ...], opt.some_of(tuple(BENCH_PARTS))] = ()
+    """what belongs to the bench and to no robot's joint; the simulator leaves it out"""
     predict: opt.OptionalFolder = None
     """recordings that are not fitted but predicted"""
     averaged: Averaged = 0.0
@@ -135,17 +137,18 @@ class Fit(Options):
         from mrwarp.identify import fit_report
         from mrwarp.identify.checks.stated import STATED, stated_numbers
         from mrwarp.identify.damper import fit_extended
-        from mrwarp.identify.fit import fit, read_holding
+        from mrwarp.identify.fit import read_holding
         from mrwarp.identify.fit_pictures import loops_picture, residual_picture
         from mrwarp.identify.law_fit import fit_law
-        from mrwarp.model_file import HOLDING_NOTE, not_known_note, save_model, stated
+        from mrwarp.identify.mechanics_fit import fit_joint
+        from mrwarp.model_file import HOLDING_NOTE, bench_note, not_known_note, of_bench, save_model, stated
 
         known = stated_numbers(recording, self.chosen(*STATED))
         holding = read_holding(self.data, recording, self.holding, progress)
         if self.law != "bouc_wen":
             result = fit_law(recording, self.law, holding=holding, seed=self.seed, progress=progress)
         else:
-            result = fit(
+            result = fit_joint(
                 recording,
                 holding=holding,
                 robust=self.robust,
@@ -156,7 +159,7 @@ class Fit(Options):
         if self.extended:
             extended = fit_extended(recording, seed=self.seed, progress=lambda text: progress(f"extended: {text}"))
         predicted = fit_report.predictions(unseen, result, extended, self.averaged) if unseen else {}
-        model = stated(fit_report.to_model(result, extended), known)
+        model = of_bench(stated(fit_report.to_model(result, extended), known), self.bench)
         save_model(model, self.out / "model.json")
         content = fit_report.figures(result, extended) | {
             "predicted": predicted,
@@ -175,6 +178,8 @@ class Fit(Options):
             print(f"\n{HOLDING_NOTE}")
         if note := not_known_note(model.not_known):
             print(f"{chr(10) if holding else ''}{note}")
+        if note := bench_note(model):
+            print(note)
         for name, errors in predicted.items():
             print(f"NRMSE of {name}: " + ", ".join(f"{key} {100 * value:.1f} %" for key, value in errors.items()))
         print(f"\nmodel.json, result.json, loops.png and residual.png in {self.out} ({progress.seconds:.0f} s)")

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, threshold
-from mrwarp.diagnose.screening import Candidate
+from mrwarp.diagnose.screening import Candidate, lacking_together
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, zero_line, zeros_moved
 from mrwarp.identify.parameters import LINEAR, SHAPE, SHAPE_PART, YIELDING, slots_of
@@ -34,8 +34,8 @@ class LawChoice:
     name: str
     """Law of the baseline; ``bouc_wen`` is the paper's."""
     held_out: Mapping[str, float]
-    """NRMSE on trajectories left out in turn, each with its own zero, of every law that was tried, with an inertia if
-    the recording shows one."""
+    """NRMSE on trajectories left out in turn, each with its own zero, of every law that was tried, with inertia and
+    gravity if the recording shows them."""
     rival: float
     """Error of eq. 14 with the effects that help it most."""
     beside: tuple[str, ...] = ()
@@ -99,7 +99,10 @@ def choose_law(
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
     with_effects = [e for e in OF_PUBLISHED_LAWS["term"] if search.levels > 1 and e not in problem.impossible]
     shown = [c.effect for c in screened if base.total - c.total > threshold(problem, base)]
-    inertia = [effect for effect in shown if KNOWN[effect].inertial]
+    shown += [c.effect for c in lacking_together(problem, base, [c.effect for c in screened])]
+    # what follows the velocity alone is a matter of the loop
+    along = {e: {*KNOWN[e].depends_on} for e in dict.fromkeys(shown) if KNOWN[e].mechanics}
+    mechanics = [e for e in along if along[e] & {"q", "qdd"}]
     count, spread = float(search.weight.sum()), float(small.torque.std()) or 1.0
 
     def nrmse(found: Solution) -> float:
@@ -110,12 +113,12 @@ def choose_law(
 
     laws = {
         name: law_search(
-            small, q_zero, name, offsets=True, effects=[*with_effects, *inertia], threads=threads, limit=limit
+            small, q_zero, name, offsets=True, effects=[*with_effects, *mechanics], threads=threads, limit=limit
         )
         for name in HYSTERESIS
     }
     settings = problem.settings.law
-    alone, paper, effects = _eq_14(search, base, screened, with_effects, inertia, laws[_SINGLE], settings.rivals)
+    alone, paper, effects = _eq_14(search, base, screened, with_effects, mechanics, laws[_SINGLE], settings.rivals)
     held_out = {"bouc_wen": nrmse(alone)} | {name: nrmse(found) for name, found in laws.items()}
     best = min(laws, key=lambda name: held_out[name])
     near = [name for name in laws if held_out[name] < (1.0 + settings.simpler) * held_out[best]]
@@ -144,7 +147,7 @@ def choose_law(
         problem, offsets = _without_zeros(problem, found, names)
         choice = replace(choice, offsets=offsets)
     log(f"the hysteresis has another shape: {choice.title}")
-    layout = problem.parameters([name for name in found.layout.effects if name not in inertia])
+    layout = problem.parameters([name for name in found.layout.effects if name not in mechanics])
     return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
 
 
@@ -196,21 +199,21 @@ def _eq_14(
     base: Fit,
     screened: Sequence[Candidate],
     with_effects: list[str],
-    inertia: list[str],
+    mechanics: list[str],
     single: Solution,
     rivals: int,
 ) -> tuple[Solution, Solution, tuple[str, ...]]:
-    """Eq. 14 with an inertia if there is one, and with what helps it most of the best effects.
+    """Eq. 14 with inertia and gravity if there are any, and with what helps it most of the best effects.
 
     The error on trajectories left out counts. Each is fitted from the baseline and from ``single``, the law that eq. 15
-    contains: a baseline without the inertia may have a loop that stands for it. ``rivals`` effects are tried.
+    contains: a baseline without them may have a loop that stands for it. ``rivals`` effects are tried.
     """
     known = dict(base.parameters.choices)
 
     def descend(effects: Sequence[str], candidate: Candidate | None = None) -> Solution:
         layout = replace(search.layout([*base.effects, *effects]), choices=known)
         starts = [base.parameters.moved(base.x, layout)]
-        if inertia:  # the baseline's loop stands for it
+        if mechanics:  # the baseline's loop stands for them
             x = single.layout.moved(single.x, layout)
             rate = float(np.log(single.layout.values(single.x)[_SINGLE]["rate"]))
             x[SHAPE_PART] = np.clip([0.0, rate, rate], layout.low[SHAPE_PART], layout.high[SHAPE_PART])
@@ -222,10 +225,10 @@ def _eq_14(
         return min((search.descend(layout, x) for x in starts), key=lambda s: float(s.held_out.sum()))
 
     found = []
-    for candidate in (None, *[c for c in screened if c.effect not in inertia][:rivals]):
-        solution = descend([*with_effects, *inertia, *([candidate.effect] if candidate else [])], candidate)
+    for candidate in (None, *[c for c in screened if c.effect not in mechanics][:rivals]):
+        solution = descend([*with_effects, *mechanics, *([candidate.effect] if candidate else [])], candidate)
         found.append((solution, tuple(e for e in solution.layout.effects if e not in base.effects)))
-    return descend(inertia), *min(found, key=lambda item: float(item[0].held_out.sum()))
+    return descend(mechanics), *min(found, key=lambda item: float(item[0].held_out.sum()))
 
 
 def _behind(search: LawSearch, found: Solution) -> Solution:

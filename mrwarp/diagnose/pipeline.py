@@ -33,7 +33,7 @@ from mrwarp.diagnose.proof import Rejection, select_proven, without_parts
 from mrwarp.diagnose.residual_structure import Line, find_line, without_line
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.diagnose.screening import Candidate, Models
-from mrwarp.diagnose.search import Selection, best_single, screen_candidates
+from mrwarp.diagnose.search import Selection, first_guess, screen_candidates
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.checks.stated import stated_numbers
 from mrwarp.identify.fit import fit_holding
@@ -219,7 +219,7 @@ def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]
     With it comes a line of the spectrum that was set aside.
     """
     first, base = session.problem, session.base
-    best = best_single(first, base, session.screened) or base
+    best = first_guess(first, base, session.screened) or base
     problem = begin_under_way(first, best)
     if problem is not first:
         log("trajectories begin under way")

@@ -82,6 +82,8 @@ class Problem:
             needs = ("change", "command", "field")
         elif self.motion.ranges.load:  # neither makes a field; a valve may lag
             needs = ("field",) if quantity("current", self.units) == "pressure" else ("command", "field")
+        if not self.motion.ranges.radian:
+            needs = (*needs, "angle")
         return tuple(name for name, law in CATALOGUE.items() if law.needs in needs)
 
     def with_motion(self, motion: Motion) -> Problem:

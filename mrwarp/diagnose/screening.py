@@ -89,6 +89,16 @@ class Models:
             self.fits[layout.effects] = with_lines(self.problem, fit)
         return self.fits[layout.effects]
 
+    def grown_together(self, on: Fit, candidates: Sequence[Candidate]) -> Fit:
+        """A model plus several candidates, all fitted together from where a regression has them."""
+        layout = self.problem.parameters((*on.effects, *(c.effect for c in candidates)), on.parameters.choices)
+        if layout.effects not in self.fits:
+            x = on.parameters.moved(on.x, layout)
+            for c in candidates:
+                x[layout.own(c.effect)] = c.values
+            self.fits[layout.effects] = fit_model(self.problem, layout, x)
+        return self.fits[layout.effects]
+
     def reported(self, fit: Fit) -> Fit:
         """The model whose numbers are reported, :func:`~mrwarp.diagnose.problem.reported_fit`."""
         if fit not in self._reported:
@@ -185,6 +195,58 @@ def screen(problem: Problem, base: Fit, effects: Iterable[str], *, hopeless: flo
         loo_loss = t.loo_loss + short / len(t.loo_loss)
         found.append(Candidate(t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss, promises[t.effect]))
     return sorted(found, key=lambda c: c.total)
+
+
+def lacking_together(problem: Problem, base: Fit, effects: Iterable[str]) -> list[Candidate]:
+    """Mechanics that a model lacks: all in by one regression, then those that are not needed out again.
+
+    Inertia opposes a weight or a spring, so that each alone may gain nothing. What would have a sign that no body has
+    goes first, then what adds least to the others, as long as that is not enough to be named.
+    """
+    trials = [_starts(problem, base, effect)[0] for effect in effects if CATALOGUE[effect].mechanics]
+    if len(trials) < 2:
+        return []
+    columns = _columns(problem, base, trials)
+    equations = problem.equations([base.slopes, *columns, (problem.motion.torque - base.torque)[None]], base.torque)
+    ends = len(base.slopes) + np.cumsum([len(block) for block in columns])
+    own = {t.effect: range(end - len(t.own), end) for t, end in zip(trials, ends, strict=True)}
+
+    def regression(kept: Iterable[str]) -> tuple[np.ndarray, float, np.ndarray]:
+        places = [i for effect in kept for i in own[effect]]
+        found, inside, outside = losses(equations, [*base.free, *places], int(ends[-1]))
+        return found[len(base.free) :], float(inside.sum()), outside
+
+    kept, needed = list(own), max(problem.settings.gain.chi2, problem.settings.gain.floor * base.equations.count)
+    while len(kept) > 1:
+        solution, _, outside = regression(kept)
+        firsts = np.cumsum([0, *(len(own[effect]) for effect in kept[:-1])])
+        wrong = [e for e, k in zip(kept, firsts, strict=True) if CATALOGUE[e].positive and solution[k] <= 0.0]
+        adds = {e: float(regression([x for x in kept if x != e])[2].sum() - outside.sum()) for e in kept}
+        weakest = min(wrong or kept, key=lambda effect: adds[effect])
+        if not wrong and adds[weakest] > needed:
+            break
+        kept.remove(weakest)
+    values, inside, outside = regression(kept)
+    sizes = dict(zip((i for effect in kept for i in own[effect]), values, strict=True))
+    return [
+        Candidate(t.effect, t.parameters.choices, np.array([sizes[i] for i in own[t.effect]]), inside, outside)
+        for t in trials
+        if t.effect in kept
+    ]
+
+
+def _columns(problem: Problem, base: Fit, trials: Sequence[_Trial]) -> list[np.ndarray]:
+    """Derivatives of a model's torque by the linear numbers of effects that only add, each of shape (k, N)."""
+    models = [(base.parameters, base.x), without_hysteresis(base.parameters, base.x)]
+    for t in trials:
+        x = base.parameters.moved(base.x, t.parameters)
+        for i in t.own:
+            y = x.copy()
+            y[i] += t.parameters.steps[i]
+            models.append(without_hysteresis(t.parameters, y))
+    _, alone, *rows = simulate(problem.replay, models)
+    tau = iter(rows)
+    return [np.stack([(next(tau) - alone) / t.parameters.steps[i] for i in t.own]) for t in trials]
 
 
 def _starts(problem: Problem, base: Fit, effect: str) -> list[_Trial]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy import stats
 from mrwarp.diagnose.lag_or_delay import DELAY, LAG, LagOrDelay, decided_by_steps
 from mrwarp.diagnose.problem import Fit, Problem, as_good, drifts, threshold
 from mrwarp.diagnose.residual_structure import Leftover, groups_along, leftovers
-from mrwarp.diagnose.screening import Candidate, Models, screen
+from mrwarp.diagnose.screening import Candidate, Models, lacking_together, screen
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import absent_from
@@ -56,11 +57,11 @@ def screen_candidates(problem: Problem, base: Fit, candidates: list[str]) -> lis
     return screen(problem, base, candidates, hopeless=0.3 * threshold(problem, base))
 
 
-def best_single(problem: Problem, base: Fit, screened: list[Candidate]) -> Fit | None:
-    """The best model with one more effect, if any gains enough: a first guess, to learn the noise without it."""
-    if not screened or base.total - screened[0].total < threshold(problem, base):
-        return None
-    return Models(problem, base).grown(base, screened[0])
+def first_guess(problem: Problem, base: Fit, screened: list[Candidate]) -> Fit | None:
+    """The best model with one more effect or a body's mechanics, if any gains enough: to learn the noise without it."""
+    search = JointSearch(Models(problem, base), screened, [])
+    single = search.models.grown(base, screened[0]) if search.passing else None
+    return search.with_mechanics(single) or single
 
 
 def select(
@@ -111,8 +112,10 @@ class JointSearch:
         self.tests = (self.adds_enough, *self.confirming)
 
     def candidates(self, fit: Fit) -> list[Candidate]:
-        """Effects that would add enough to a model."""
-        return self.passing if fit is self.base else _passing(self.models, fit, self.effects)
+        """Effects that would add enough to a model, alone or, as a body's mechanics do, together."""
+        if fit is self.base:
+            return self.passing or self.mechanics
+        return _passing(self.models, fit, self.effects)
 
     def grown(self, fit: Fit, candidates: Sequence[Candidate]) -> Fit | None:
         """The model with the best of the effects, or with a better pair in a single one's place."""
@@ -128,15 +131,38 @@ class JointSearch:
         return fit
 
     def _first(self) -> Fit | None:
-        """The best single effect that is no confounder."""
-        self.log(f"refining {', '.join(c.effect for c in self.passing[:4])}")
+        """The best single effect that is no confounder, or a body's mechanics together."""
+        self.log(f"refining {', '.join(c.effect for c in (self.passing or self.mechanics)[:4])}")
         expected = [c for c in self.passing if c.effect == self.expected]
-        best = self.models.grown(self.base, expected[0]) if expected else _grow(self.models, self.base, self.passing)
-        if self._confirmed(best):
-            return best
+        best = self.models.grown(self.base, expected[0]) if expected else None
+        if best is None and self.passing:
+            best = _grow(self.models, self.base, self.passing)
+        for fit in (self.with_mechanics(best), best):
+            if fit is not None and self._confirmed(fit):
+                return fit
         # smooth functions of other variables explain it better: the search for partners would only fit them piecemeal
         others = [f for f in self.models.singles() if f is not best and self._confirmed(f)]
         return min(others, key=attrgetter("total"), default=None)
+
+    @cached_property
+    def mechanics(self) -> list[Candidate]:
+        """A body's mechanics that the baseline lacks together: two effects or more; else none."""
+        found = lacking_together(self.problem, self.base, self.effects)
+        return found if len(found) > 1 else []
+
+    def with_mechanics(self, single: Fit | None) -> Fit | None:
+        """The baseline with a body's mechanics, those that are needed next to each other, where that beats ``single``.
+
+        Each more than a single effect has to be worth its place.
+        """
+        best = self.base.total if single is None else single.total
+        enough = threshold(self.problem, self.base)
+        if not self.mechanics or best - self.mechanics[0].total < enough:
+            return None
+        self.log(f"together: {', '.join(c.effect for c in self.mechanics)}")
+        fit, _ = eliminated(self, self.models.grown_together(self.base, self.mechanics), self.adds_enough)
+        more = len(self.causes(fit)) - (single is not None)
+        return fit if more > 0 and best - fit.total > enough * more else None
 
     def _confirmed(self, fit: Fit) -> bool:
         """Whether any effect of a model stands for itself."""

@@ -27,6 +27,7 @@ EFFECTS = (
     "backlash",
     "series_compliance",
     "rotor_inertia",
+    "gravity",
     "coulomb_friction",
     "friction_asymmetry",
     "load_friction",

@@ -66,6 +66,7 @@ LAW = EffectLaw(
     ),
     law=cogging_law,
     adds=True,
+    contains="gravity",
     source="slots and magnets of a motor, teeth of a gear",
     depends_on=("q",),
     remedy="compensate by a table over the angle",

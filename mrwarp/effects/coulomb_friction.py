@@ -38,6 +38,7 @@ LAW = EffectLaw(
     states=1,
     source="Coulomb; seals and bearings",
     depends_on=("qd",),
+    mechanics=True,
     remedy="check seals and bearings",
     positive="friction brakes",
     dry=True,

@@ -49,6 +49,7 @@ LAW = EffectLaw(
     law=friction_asymmetry_law,
     source="paper section 4.3, friction asymmetry; Janot, Gautier and Brunot 2019 for a ball screw",
     depends_on=("qd",),
+    mechanics=True,
     of_published_laws="direction",
     remedy="check the seal's lip and the preload of the bearings",
 )

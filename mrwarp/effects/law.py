@@ -109,6 +109,8 @@ class Ranges:
     """Typical torque."""
     dt: float = 0.005
     """Sampling interval [s]."""
+    radian: float = 1.0
+    """One radian; 0 for a linear motion."""
     turns: float = 0.0
     """Full turns that a joint makes, one that lacks a twentieth too; 0 for a linear motion."""
     session: float = 600.0
@@ -262,9 +264,12 @@ class EffectLaw:
     """Variables along which it shows."""
     positive: str = ""
     """Why its first number can only be above 0; empty where it may have either sign."""
-    needs: Literal["", "change", "command", "field", "alpha", "stroke"] = ""
+    needs: Literal["", "change", "command", "field", "alpha", "stroke", "angle"] = ""
     """Without which there is no such effect: a control input that changes, or a changing command that can lag, or the
-    current of a magnetic field; alpha of eq. 14, which no other law has; or a stroke with ends."""
+    current of a magnetic field; alpha of eq. 14, which no other law has; a stroke with ends; or an angle in rad."""
+    mechanics: bool = False
+    """Whether it is a body's mechanics, as B, C and D of eq. 14 are: linear in its numbers, and these effects oppose
+    each other, so that they are looked for together, and bear what they bear together."""
     unseen: str = ""
     """Why a recording shows it at no size, where that is a matter of its control input."""
     measured_in: Literal["", "qd"] = ""

@@ -26,6 +26,7 @@ LAW = EffectLaw(
     adds=True,
     source="Newton's second law",
     depends_on=("qdd",),
+    mechanics=True,
     remedy="add it to the model's inertia",
     positive="an inertia is above 0",
 )

@@ -235,6 +235,7 @@ class Motion(Dataset):
             torque=float(data.torque.std()) or 1.0,
             dt=float(np.median(data.dt)),
             session=float(time.max()) or 1.0,
+            radian=1.0 / scales.q if recording.units["q"] == "rad" else 0.0,
             turns=_turns(float(np.ptp(data.q)) * scales.q) if recording.units["q"] == "rad" else 0.0,
             load=is_load(recording.units),
             carried=is_load(recording.units) and quantity("current", recording.units) != "pressure",

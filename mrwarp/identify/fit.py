@@ -158,7 +158,9 @@ def fit(
     warnings += _notes(recording, point, structure, assessment.together)
     runs = recording.trajectories
     nrmse = missed(point.simulated - samples.torque, samples.torque, samples.counts)
-    refuse_unexplained(recording, samples, nrmse, nrmse * held_out_ratio(structure, point, len(runs)))
+    ratio = held_out_ratio(structure, point, len(runs))
+    held_out = nrmse * ratio
+    refuse_unexplained(recording, samples, nrmse, held_out)
     return FitResult(
         estimates={name: assessment.estimates[name] for name in PARAMETERS} | at_rest,
         combinations={name: e for name, e in assessment.estimates.items() if name not in PARAMETERS},
@@ -171,6 +173,7 @@ def fit(
         current=recording.current_range,
         condition=assessment.condition,
         seed=seed,
+        held_out=held_out if len(runs) > 1 else None,
         **misfit(recording, point.simulated, samples, warnings),
     )
 

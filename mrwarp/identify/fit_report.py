@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from mrwarp.effects.catalogue import KNOWN
+from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
 from mrwarp.identify.damper import ExtendedFit, extended_torque, prediction_errors, undo_moving_average
 from mrwarp.identify.fit import FitResult
 from mrwarp.identify.intervals import Estimate
@@ -83,8 +83,9 @@ def predictions(
 
 
 def law_title(result: FitResult) -> str:
-    """The hysteresis law of a fit in words."""
-    return KNOWN[result.effects[0].name].title if result.effects else "eq. 14"
+    """The hysteresis law of a fit in words, or that there is none."""
+    law = next((effect.name for effect in result.effects if effect.name in HYSTERESIS), "")
+    return KNOWN[law].title if law else "inertia, gravity, spring and friction" if result.effects else "eq. 14"
 
 
 def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str, Any]:
@@ -97,11 +98,11 @@ def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str,
         "condition": min(result.condition, 1e300),
         "warnings": result.warnings,
         **_errors(result),
+        "held_out_nrmse": result.held_out,
     }
     if result.effects:
         model = model_to_dict(to_model(result))
-        fitted |= {"law": model["law"], "effects": model["effects"], "offsets": result.offsets}
-        fitted["held_out_nrmse"] = result.held_out
+        fitted |= {"law": model.get("law"), "effects": model["effects"], "offsets": result.offsets}
     if extended is not None:
         fitted["extended"] = {
             "parameters": _entries(extended.estimates),

@@ -329,11 +329,16 @@ def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:
 
 
 def outer_numbers(
-    best: Solution, scales: Scales, units: Mapping[str, str], between: Sequence[int] = ()
+    best: Solution,
+    scales: Scales,
+    units: Mapping[str, str],
+    between: Sequence[int] = (),
+    error: np.ndarray | float = 0.0,
 ) -> tuple[dict[str, Estimate], tuple[Effect, ...]]:
     """Numbers with intervals in the units of the recording: of eq. 14, and of the law and further effects.
 
-    ``between`` are coordinates that follow from the zeros of the trajectories, without an interval.
+    ``between`` are coordinates that follow from the zeros of the trajectories, without an interval. ``error`` is what
+    trajectories do not show of the coordinates' errors, shape (P,).
 
     With alpha = gamma = 0 and beta = 1 outside as inside, K0 and K1 are the sliding torque per unit of h.
     """
@@ -341,6 +346,7 @@ def outer_numbers(
     half = np.full(len(best.x), np.inf)
     if count > 2:
         half[best.free] = student(0.95, count - 1) * np.sqrt(np.diag(jackknife(best.moves)))
+        half = np.hypot(half, error)
     wide = student(1.0 - 0.05 / len(best.x), max(count - 1, 1)) / student(0.95, max(count - 1, 1))
     factors = {"K0": scales.torque, "K1": scales.torque / scales.current}
     estimates = {}

@@ -10,7 +10,7 @@ from mrwarp.diagnose.baseline import fit_baseline
 from mrwarp.diagnose.pipeline import _candidates
 from mrwarp.diagnose.problem import covariance, reported_fit, threshold
 from mrwarp.diagnose.screening import Models
-from mrwarp.diagnose.search import JointSearch, Selection, best_single, screen_candidates, select
+from mrwarp.diagnose.search import JointSearch, Selection, first_guess, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.parameters import LINEAR
 from mrwarp.recording.load import Recording, Trajectory
@@ -65,7 +65,7 @@ def test_nothing_is_named_in_clean_data() -> None:
         selection = searched(made(seed=seed))
         assert selection.final is selection.base and selection.gain == 0.0 and not selection.alternatives
         assert max(f.gain for f in selection.leftovers) < threshold(made(), selection.base)
-        assert best_single(made(seed=seed), selection.base, selection.screened) is None
+        assert first_guess(made(seed=seed), selection.base, selection.screened) is None
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_hidden_effect_is_named(effect: str, numbers: dict[str, float]) -> None:
         made(), selection.base
     )
     assert max(f.gain for f in selection.leftovers) < threshold(problem, selection.base)
-    single = best_single(problem, selection.base, selection.screened)
+    single = first_guess(problem, selection.base, selection.screened)
     assert single is not None and effect in single.effects
 
 

@@ -17,6 +17,7 @@ CHOSEN = {
     "backlash": {"half_gap": 0.01},
     "series_compliance": {"compliance": 0.05, "difference": 0.3},
     "rotor_inertia": {"inertia": 0.01},
+    "gravity": {"sine": 0.3, "cosine": -0.2, "periods": 1.0},
     "coulomb_friction": {"torque": 0.4, "speed": 0.05},
     "friction_asymmetry": {"coulomb": 0.2, "viscous": 0.05, "speed": 0.05, "thinning": 0.1, "yielding": 0.1},
     "load_friction": {"F1": 0.1, "speed": 0.05, "inertia": 0.003},

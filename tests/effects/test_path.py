@@ -42,7 +42,7 @@ def test_effect_at_null_leaves_every_bit(name: str) -> None:
     shaft = Shaft.swinging()
     shaping = (
         {"speed", "stribeck_speed", "periods", "time_constant"}
-        if name in ("coulomb_friction", "friction_asymmetry", "stribeck", "cogging", "temperature_drift")
+        if name in ("coulomb_friction", "friction_asymmetry", "stribeck", "cogging", "gravity", "temperature_drift")
         else {"hold"}
     )
     null = {
@@ -87,7 +87,7 @@ def test_units_of_the_parameters_are_those_of_the_law(names: list[str]) -> None:
 def test_ranges_have_the_units_of_the_parameters(name: str) -> None:
     """Bounds, starts and presets are converted as the parameter is."""
     here = Ranges(q=1.3, qd=6.0, current=1.4, torque=0.8)
-    there = Ranges(q=4.0 * 1.3, qd=4.0 * 6.0, current=0.5 * 1.4, torque=8.0 * 0.8)
+    there = Ranges(q=4.0 * 1.3, qd=4.0 * 6.0, current=0.5 * 1.4, torque=8.0 * 0.8, radian=4.0)
     for p in CATALOGUE[name].parameters:
         factor = 4.0 ** p.scale[0] * 0.5 ** p.scale[1] * 8.0 ** p.scale[2]
         assert p.low(there) == pytest.approx(factor * p.low(here))

@@ -9,12 +9,9 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
-from mrwarp.identify.checks.lone_samples import beside_spikes, far_off, find_spikes
+from mrwarp.identify.checks.lone_samples import ROUNDS, beside_spikes, far_off, find_spikes
 from mrwarp.recording.data import Recording
 from mrwarp.sysid.least_squares import ridge_solve
-
-_ROUNDS = 8
-"""Regressions at most, each without what was far off in the one before."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +54,7 @@ def spikes_of(problem: Problem, fit: Fit, recording: Recording) -> Spikes | None
     table = np.vstack(rows).astype(np.float32)
     table /= np.maximum(np.sqrt(np.mean(table**2, axis=1, keepdims=True)), 1e-9)
     near, left = counts, mismatch
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         known, goal = table[:, near], mismatch[near].astype(np.float32)
         left = mismatch - ridge_solve((known @ known.T).astype(float), (known @ goal).astype(float), 1e-5) @ table
         before, near = near, counts & ~far_off(left, motion, counts, problem.settings.spikes.far)

@@ -11,10 +11,10 @@ from mrwarp.diagnose.report.diagnosis_page import render
 from mrwarp.diagnose.report.overview_pictures import draw
 from mrwarp.diagnose.report.printed import lines
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.identify import fit as eq14
 from mrwarp.identify import fit_report
 from mrwarp.identify.fit import FitResult, read_holding
 from mrwarp.identify.law_fit import fit_law
+from mrwarp.identify.mechanics_fit import fit_joint
 from mrwarp.model_file import Model, load_model, save_model
 from mrwarp.recording.load import Recording, load_recording
 from mrwarp.run_dir import write_bytes, write_text
@@ -72,7 +72,7 @@ def fit(
     recording = data if isinstance(data, Recording) else load_recording(data, skip_bad=skip_bad)
     holding = None if isinstance(data, Recording) else read_holding(Path(data), recording, None, log)
     if law == "bouc_wen":
-        result = eq14.fit(recording, holding=holding, seed=seed, progress=log)
+        result = fit_joint(recording, holding=holding, seed=seed, progress=log)
     else:
         result = fit_law(recording, law, holding=holding, seed=seed, progress=log)
     return Fitted(model=fit_report.to_model(result), nrmse=result.nrmse, result=result)

@@ -14,6 +14,9 @@ from scipy.stats import binomtest
 from mrwarp.identify.dataset import MOVING, Dataset
 from mrwarp.sysid.settings import Settings
 
+ROUNDS = 8
+"""Regressions at most by which spikes are found, each without what was far off in the one before."""
+
 _BEFORE, _AFTER = 1, 4
 """Samples left out around each spike: noise is judged by what came just before."""
 
