@@ -98,9 +98,8 @@ def fit_joint(
         return bodies
     if bodies is None or not bodies.effects:
         return device
-    one = bodies.held_out is None or device.held_out is None
-    better = bodies.nrmse < device.nrmse if one else bodies.held_out < device.held_out
-    return bodies if better else device
+    unseen = (bodies.held_out or bodies.nrmse, device.held_out or device.nrmse)  # of one run there is none
+    return bodies if unseen[0] < unseen[1] else device
 
 
 def fit_mechanics(recording: Recording, *, seed: int = 0, progress: Progress | None = None) -> FitResult:
