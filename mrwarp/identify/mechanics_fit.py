@@ -29,7 +29,8 @@ SPRING = "C"
 """The term of eq. 14 that may go as an effect does: a weight and a spring are alike over a short way."""
 
 
-RUBS, SOFTLY = "coulomb_friction", "biviscous"
+RUBS = next(name for name, law in CATALOGUE.items() if law.mechanics and law.dry)
+SOFTLY = "biviscous"
 """Dry friction as an effect; and the law of one that turns its direction over a range of speeds."""
 
 

@@ -35,6 +35,7 @@ TOKENS = {
 SPOKEN_OF = {
     ("lag_or_delay.py", "coil_lag"), ("lag_or_delay.py", "command_delay"),  # these two are all that the file is about
     ("law_choice.py", "dahl"),  # the law that eq. 15 becomes with alpha = gamma = 0
+    ("mechanics_fit.py", "biviscous"),  # dry friction that turns its direction over a range of speeds
     ("recording_faults.py", "torque_gain"),  # a fault of some runs, by the same name in result.json
     ("result.py", "coulomb_friction"),  # a key of result.json: dry friction of the law that was taken
 }  # fmt: skip
