@@ -5,7 +5,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
 
-.PHONY: run test test-slow test-mjlab test-oldest test-core lint docs format pins env release clean
+.PHONY: run test test-slow test-mjlab test-oldest test-core lint docs gallery format pins env release clean
 .DEFAULT_GOAL := test
 
 run: $(READY)
@@ -56,12 +56,17 @@ lint: $(READY)
 	$(PY) -m mrwarp reproduce docs --only-check
 	$(PY) -m mrwarp device page --only-check
 	$(PY) tools/plain_words.py
+	$(PY) tools/gallery.py --only-check
 	$(PY) -m pytest -q tests/test_method_size.py
 	$(MAKE) docs
 
 # the pages as a site in build/site, with the reference from the code; a warning is an error, no network is needed
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict -f tools/site/mkdocs.yml
+
+# pictures of the pages that are older than what they show; MuJoCo renders with EGL or, by MUJOCO_GL=osmesa, without
+gallery: $(READY)
+	$(PY) tools/gallery.py
 
 format: $(READY)
 	$(PY) -m ruff check --fix .

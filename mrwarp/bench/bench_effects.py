@@ -117,6 +117,16 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
 EFFECTS: dict[str, EffectSpec] = {row[0]: EffectSpec(*row) for row in cast("tuple[tuple[Any, ...], ...]", _ROWS)}
 """All effects of the bench by name."""
 
+GOOD_STAND = {
+    "run_bias": 0.003,
+    "run_gain": 0.003,
+    "torque_noise": 0.02,
+    "coloured_noise": 0.01,
+    "velocity_noise": 0.01,
+    "encoder_step": 2.0 * np.pi / 2**14,
+}
+"""Noise of a good stand: the figures of ``docs/diagnosis.md``, where an effect of a few milliseconds shows."""
+
 
 class Effects(Mapping[str, float]):
     """A value for every effect. Immutable; absent ones hold their null value.
@@ -137,6 +147,11 @@ class Effects(Mapping[str, float]):
     def defaults(cls, scale: float = 1.0) -> Effects:
         """The default strengths, all multiplied by ``scale`` (their distance from being absent)."""
         return cls({name: spec.null + scale * (spec.default - spec.null) for name, spec in EFFECTS.items()})
+
+    @classmethod
+    def alone(cls, **hidden: float) -> Effects:
+        """These effects and no others, with the noise of :data:`GOOD_STAND`."""
+        return cls({**GOOD_STAND, **hidden})
 
     def replace(self, **changes: float) -> Effects:
         """A copy with some values changed."""

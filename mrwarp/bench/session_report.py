@@ -19,8 +19,8 @@ from mrwarp.recording.load import Recording
 from mrwarp.runtime import text_table
 
 
-def effect_table(effects: Effects) -> str:
-    """The effects with value, unit, law and argument, as text."""
+def effect_table(effects: Effects, *, all_of_them: bool = False) -> str:
+    """The effects that act, with value, unit, law and argument, as text; or all that there are."""
     rows = [
         (
             spec.name,
@@ -29,6 +29,7 @@ def effect_table(effects: Effects) -> str:
             spec.why + ("" if effects.acts(spec.name) else " (absent)"),
         )
         for spec in EFFECTS.values()
+        if all_of_them or effects.acts(spec.name)
     ]
     return "\n".join(text_table(("effect", "value", "law (s = smooth sign)", "why this value"), rows, left=4))
 

@@ -13,7 +13,7 @@ WIDEST = 32
 """Largest factor by which the window is widened where the signal is little more than noise within it."""
 
 _QUIET = 0.1
-"""Noise of the velocity, over its RMS, above which the window is widened: noise adds up as path."""
+"""Noise of the velocity, over its RMS, above which the window is widened: noise adds to the way."""
 
 _NOISE_ONLY = 1.1
 """Factor by which what a wider window leaves of the signal may grow; more would be motion."""

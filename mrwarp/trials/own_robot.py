@@ -187,6 +187,8 @@ def picture(rows: Sequence[dict[str, Any]], path: Path, title: str) -> None:
     figure, ((axis,),) = panels((7, 4))
     for payload, command in dict.fromkeys((row["payload"], row["command"]) for row in rows):
         own = [r for r in rows if (r["payload"], r["command"]) == (payload, command) and r["trials"]]
+        if not own:  # none arrived: no line, and no entry of the legend
+            continue
         mean, sd = ([r["cot"][name] for r in own] for name in ("mean", "sd"))
         label = f"{payload:g} kg, {command:g} m/s"
         axis.errorbar([r["current"] for r in own], mean, sd, marker="o", capsize=3, label=label)

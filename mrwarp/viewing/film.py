@@ -26,7 +26,7 @@ WIDTH, HEIGHT = 720, 340
 RATE = 16.7
 """Pictures of a film per second of simulated time, at most."""
 
-APART = 0.75
+SPACING = 0.75
 """Distance between robots that walk side by side [m], of a robot of the shipped one's size."""
 
 AZIMUTH, ELEVATION = 128.0, -16.0
@@ -150,7 +150,7 @@ def film(scene: Scene, frames: Frames, currents: Sequence[float], path: Path, *,
 def _pictures(scene: Scene, frames: Frames, currents: Sequence[float]) -> Iterator[Image.Image]:
     """The pictures of a film, one per frame."""
     stage = _Stage(scene, len(currents))
-    apart = APART * stage.unit * np.arange(len(currents))
+    places = SPACING * stage.unit * np.arange(len(currents))
     start = frames.qpos[0, :, :2]
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation = AZIMUTH, ELEVATION
@@ -166,10 +166,10 @@ def _pictures(scene: Scene, frames: Frames, currents: Sequence[float]) -> Iterat
         for k in range(len(frames)):
             offsets = np.zeros((len(currents), 3))
             # side by side at the start, each on its own way from there
-            offsets[:, :2] = np.stack([np.zeros_like(apart), apart], axis=1) - start
+            offsets[:, :2] = np.stack([np.zeros_like(places), places], axis=1) - start
             stage.place(frames.qpos[k], frames.gate[k], offsets)
             middle = (frames.qpos[k, :, :3] + offsets).mean(axis=0)
-            camera.lookat[:] = (middle[0], apart.mean(), 0.6 * float(frames.qpos[0, :, 2].mean()))
+            camera.lookat[:] = (middle[0], places.mean(), 0.6 * float(frames.qpos[0, :, 2].mean()))
             renderer.update_scene(stage.data, camera)
             yield _labelled(Image.fromarray(renderer.render()), currents)
 

@@ -131,9 +131,10 @@ def _certainty(d: Diagnosis, largest: Mapping[str, float]) -> list[str]:
     if d.verdict is None:
         return ["not at all"]
     said = []
-    if len(d.causes) == 1 and (numbers := list(d.causes[0].parameters.values())):
-        interval = _sized(numbers[0], d.causes[0].name, largest).interval
-        said += [f"95 %: {interval}"] if interval else []
+    sized = {c.name: _sized(next(iter(c.parameters.values())), c.name, largest) for c in d.causes if c.parameters}
+    several = len(d.causes) > 1
+    known = [f"{text.title(name)} " * several + size.interval for name, size in sized.items() if size.interval]
+    said += [f"95 %: {', '.join(known[:MOST_SHOWN])}"] if known else []
     rivals = text.either(dict.fromkeys(name for c in d.causes for name in c.alternatives))
     said += [f"or {rivals}"] if rivals else []
     if d.causes and d.gain is not None:

@@ -137,7 +137,9 @@ def tried_picture(d: Diagnosis) -> Figure | None:
         hatch, edge = ("///", MEASURED) if t.name in others else (None, "white")
         ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch=hatch, edgecolor=edge)
         if t.gain > 0.0 and np.isfinite(t.error):
-            ax.errorbar(100.0 * t.gain, k, xerr=196.0 * t.error, fmt="none", elinewidth=1.1, ecolor="0.2", capsize=2.5)
+            half = 1.96 * t.error  # no effect takes away less than nothing or more than all
+            sides = [[100.0 * min(half, t.gain)], [100.0 * max(min(half, 1.0 - t.gain), 0.0)]]
+            ax.errorbar(100.0 * t.gain, k, xerr=sides, fmt="none", elinewidth=1.1, ecolor="0.2", capsize=2.5)
     ax.set_yticks(range(len(rows)), [true_names(title(t.name), d.recording.units) for t in rows], fontsize=10.5)
     ax.axvline(0.0, color=MEASURED, lw=0.8)
     ax.set_xlabel("squared mismatch taken away [%]")
@@ -146,8 +148,8 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     shown += [Patch(facecolor=ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
     shown += [Patch(facecolor=NOISE, label="rejected")]
     figure.legend(handles=shown, loc="outside upper left", ncols=len(shown), frameon=False)
-    reach = 100.0 * max(t.gain + 1.96 * (t.error if np.isfinite(t.error) else 0.0) for t in rows)
-    ax.set_xlim(-0.02 * max(reach, 1.0), min(1.04 * max(reach, 1.0), max(102.0, 110.0 * rows[-1].gain)))
+    reach = 100.0 * max(min(t.gain + 1.96 * (t.error if np.isfinite(t.error) else 0.0), 1.0) for t in rows)
+    ax.set_xlim(-0.02 * max(reach, 1.0), 1.04 * max(reach, 1.0))
     return figure
 
 

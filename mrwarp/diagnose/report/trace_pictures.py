@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,7 +29,7 @@ from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.dataset import of_commonest_rate, rms
 from mrwarp.recording.data import session_clock, true_names
 from mrwarp.sysid.report.pictures import AFTER, BEFORE, MEASURED, NOISE
-from mrwarp.sysid.report.words import capital, short
+from mrwarp.sysid.report.words import both, capital, short
 from mrwarp.sysid.verdict import Cause
 
 STYLE: dict[Any, Any] = {
@@ -67,7 +67,8 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
         law = CATALOGUE.get(cause.name)
         alone, name = t, true_names(title(cause.name), units)
         if cause.name in t.without:  # several causes: what this one takes away, not what the others do
-            alone, name = replace(t, baseline=t.without[cause.name]), f"{name}: with all else, and with it too"
+            alone = replace(t, baseline=t.without[cause.name])
+            name = f"{name}: the other causes in the model, without it and with it"
         axes = [axis for v in (law.depends_on if law else ()) for axis in axes_of(v, alone, units)]
         if periods := _periods(cause):
             axes = [folded(axes_of("q", alone, units)[0], periods)]
@@ -82,7 +83,7 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
         variables = ("q", "qd", "qdd", "current", "time", "memory")
         axes = [axis for name in variables for axis in axes_of(name, t, units)]
         rows.append((best_profile(axes, t), "where the mismatch is largest: no more than noise"))
-    shown = [(found, text) for found, text in rows if found is not None][:4]
+    shown = list(_merged((found, text) for found, text in rows if found is not None))[:4]
     if not shown and plane is None:
         return None
     ratios = [3.1] * len(shown) + [4.2] * (plane is not None)
@@ -98,6 +99,15 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
             ax.plot(x, x, color=MEASURED, lw=1.0, ls=":", label="one to one")
             ax.legend(loc="upper left")
     return figure
+
+
+def _merged(rows: Iterable[tuple[Profile, str]]) -> Iterator[tuple[Profile, str]]:
+    """Panels, those with identical curves as one that has all their titles."""
+    panels: dict[tuple[str, bytes, bytes], tuple[Profile, list[str]]] = {}
+    for found, text in rows:
+        curves = found.axis.label, found.before.tobytes(), found.after.tobytes()
+        panels.setdefault(curves, (found, []))[1].append(text)
+    return ((found, both(texts)) for found, texts in panels.values())
 
 
 def loops_picture(d: Diagnosis) -> Figure:

@@ -15,7 +15,7 @@ from mrwarp.sysid.verdict import Answer
 MOST_WORDS = 60
 """Words before the first section of a report: what is read at a glance."""
 
-_SHARES = {"What is missing": 13, "How big": 9, "How sure": 10, "What to do": 12}
+_SHARES = {"What is missing": 12, "How big": 9, "How sure": 13, "What to do": 10}
 """Words of each answer. With the questions (10) and the heading (:data:`_NAME`) they are :data:`MOST_WORDS` at most."""
 
 _NAME = 3
