@@ -59,13 +59,23 @@ class _Stage:
         spec.visual.headlight.specular, spec.visual.quality.shadowsize = [0.0] * 3, 4096
         spec.stat.extent, spec.visual.map.shadowclip = self.unit * robots, 1.0
         spec.add_texture(
-            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-            rgb1=[0.97, 0.98, 1.0], rgb2=[0.82, 0.87, 0.93], width=64, height=64,
-        )  # fmt: skip
+            name="sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.97, 0.98, 1.0],
+            rgb2=[0.82, 0.87, 0.93],
+            width=64,
+            height=64,
+        )
         spec.add_texture(
-            name="ground", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-            rgb1=[0.86, 0.88, 0.9], rgb2=[0.78, 0.81, 0.84], width=256, height=256,
-        )  # fmt: skip
+            name="ground",
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+            rgb1=[0.86, 0.88, 0.9],
+            rgb2=[0.78, 0.81, 0.84],
+            width=256,
+            height=256,
+        )
         ground = spec.add_material(name="ground", texrepeat=[2, 2], texuniform=True)
         ground.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "ground"
         self._add_ground(spec)
