@@ -22,8 +22,11 @@ an example. What the package needs beyond recordings is in its extras: ``pip ins
 from __future__ import annotations
 
 import importlib
+import sys
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
+
+from mrwarp.rl import register_walk
 
 if TYPE_CHECKING:
     from mrwarp.actuator.joint_batch import JointBatch as JointBatch
@@ -62,6 +65,10 @@ _PLACES = {
 """Module of each public name, and the name there if it is another."""
 
 __all__ = sorted(_PLACES)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+if "gymnasium" in sys.modules:
+    register_walk()
 
 
 def __getattr__(name: str) -> Any:

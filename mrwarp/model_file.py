@@ -290,7 +290,7 @@ def save_model(model: Model, path: str | Path) -> Path:
 
 
 class HasModel(Protocol):
-    """What ``mrwarp.fit`` and ``mrwarp.diagnose`` return."""
+    """A result with a model, as ``mrwarp.fit`` and ``mrwarp.diagnose`` return it."""
 
     @property
     def model(self) -> Model | None:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import torch
 import warp as wp
 
 from mrwarp.env.config.mdp_cfg import NoiseCfg
@@ -134,8 +135,8 @@ def observe_kernel(
         column = put(current_in, env, 1.0, column, critic_out)
 
 
-def observe(s: WalkState, cfg: NoiseCfg | None) -> Launch:
-    """Launch that writes ``s.actor`` and ``s.critic``.
+def observe(s: WalkState, cfg: NoiseCfg | None, out: tuple[torch.Tensor, torch.Tensor] | None = None) -> Launch:
+    """Launch that writes ``s.actor`` and ``s.critic``, or ``out`` in their place.
 
     Actor, shape (E, O): gyro [rad/s], projected gravity, command, joint positions and velocities, last action, gait
     clock, with noise. Critic: the same without noise, and base velocity, height, foot forces, I_e, motor torques,
@@ -152,5 +153,5 @@ def observe(s: WalkState, cfg: NoiseCfg | None) -> Launch:
             *(s.body_velocity, s.height, s.f_foot, s.current_e, s.tau_motor, s.privileged),
             *(s.m_dyn, s.m_hold, s.current),
         ],
-        [s.actor, s.critic],
+        out or (s.actor, s.critic),
     )

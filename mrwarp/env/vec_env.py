@@ -113,6 +113,7 @@ class WalkEnv(VecEnv):
         self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.nan_guard = NanGuard(self.robot, s)
         self._record_parts()
+        self._observe_end: list[Launch] = []
         self.step_graph = self.robot.graph(self._policy_step())
         if cfg.randomize is not None:
             events.randomize_robots(s, cfg.randomize, cfg.seed, self.sim, self.actuator)
@@ -161,6 +162,7 @@ class WalkEnv(VecEnv):
             self._reward,
             self.nan_guard.check,
             self._terminate,
+            *self._observe_end,
             *self._curriculum,
             *self._begin_episodes,
             self._draw_commands,
@@ -205,11 +207,32 @@ class WalkEnv(VecEnv):
         self._observe()
         return self._observed()
 
-    @torch.no_grad()
-    def restart(self) -> None:
-        """Start over in every environment: same robots, same random draws as a new object of this configuration."""
+    def keep_final_observations(self) -> TensorDict:
+        """Let each step also observe how episodes end, before the next ones begin; returns where that then stands."""
         s = self.arrays
-        s.key.copy_(torch.tensor(first_key(self.cfg.seed)))
+        final = TensorDict(
+            {"actor": torch.zeros_like(s.actor), "critic": torch.zeros_like(s.critic)}, batch_size=[self.num_envs]
+        )
+        self._observe_end = [observations.observe(s, self.cfg.noise, (final["actor"], final["critic"]))]
+        self.step_graph = self.robot.graph(self._policy_step())
+        return final
+
+    @torch.no_grad()
+    def begin_episodes(self, mask: torch.Tensor) -> None:
+        """Begin another episode in masked environments, bool, shape (E,); the random draws go on."""
+        self._reset(mask)
+        self._update_derived()
+        self.last_observations = self.get_observations()
+
+    @torch.no_grad()
+    def restart(self, seed: int | None = None) -> None:
+        """Start over in every environment: same robots, same random draws as a new object of this configuration.
+
+        Args:
+            seed: Seed of the draws from now on; None is the configuration's. Robots and ground stay as they were made.
+        """
+        s = self.arrays
+        s.key.copy_(torch.tensor(first_key(self.cfg.seed if seed is None else seed)))
         self.actuator.begin_session()
         if self.terrain is not None:
             self.terrain.restart(s)

@@ -15,10 +15,10 @@ from mrwarp.model_file import Model
 from mrwarp.params import MrParams
 
 FIXED: dict[str, Value] = {"held": 1, "begins": 0, "qdd": 0.0, "qdd_before": 0.0}
-"""What a step of the simulator never changes: it holds command and torque, and knows no acceleration."""
+"""Fields of a step that the simulator never changes: it holds command and torque, and knows no acceleration."""
 
 STATE = ("z", "coil", "bound", "heat", "steps", "newest")
-"""Numbers that a device remembers from step to step, besides states of effects and past commands."""
+"""Numbers that a device remembers from step to step, in addition to states of effects and past commands."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ import warp as wp
 from mrwarp.export.unread import without_unread
 
 Value = int | float | bool | None
-"""What is known of an expression when it is exported; None: nothing."""
+"""Value of an expression where it is known when a device is exported; None: it is not."""
 
 DROPPED = ("p", "values", "row", "line")
 """Arguments that one device does not need: its numbers are constants, its states a list of their own."""
@@ -141,7 +141,7 @@ class _Reader:
         return found
 
     def statement(self, node: ast.stmt) -> Sequence[ast.stmt]:
-        """What is left of a statement."""
+        """The part of a statement that is left."""
         match node:
             case ast.Pass():
                 return []
@@ -260,7 +260,7 @@ class _Reader:
         return None
 
     def static(self, node: ast.expr) -> Any:
-        """What an expression is in the function's module."""
+        """Meaning of an expression in the function's module."""
         return eval(compile(ast.Expression(node), "static", "eval"), {**self.space, **self.whole})  # our own source
 
     def number(self, node: ast.expr) -> tuple[str, Value]:

@@ -164,7 +164,7 @@ def clamp(x, low, high):
 
 
 {path}class Joint:
-    """What one joint remembers: at rest, without current and stress."""
+    """State of one joint: at rest, without current and stress."""
 
     def __init__(self):
         {start}
