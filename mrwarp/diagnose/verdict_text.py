@@ -72,15 +72,19 @@ def rounded(value: float, figures: int) -> str:
     return f"{number:.0f}" if abs(number) >= 10.0 ** (figures - 1) else f"{value:.{figures}g}"
 
 
+_INVERSE = {"rad/(N·m)": "N·m/rad", "m/N": "N/m"}
+"""Units of a compliance, each with that of the spring constant that stands next to it."""
+
+
 def digits(value: float, half: float) -> str:
-    """A number with the digits that its half interval leaves, two more than its first uncertain one; else four."""
+    """A number with the digits that its half interval leaves, two of them uncertain, and four at most."""
     if not math.isfinite(value):
         return "unknown"
     if value == 0.0:
         return "0"
     if not math.isfinite(half) or half <= 0.0:
         return rounded(value, 4)
-    places = 1 - math.floor(math.log10(half))
+    places = min(1 - math.floor(math.log10(half)), 3 - math.floor(math.log10(abs(value))))
     if places > 6 or places < -6:
         return rounded(value, 4)
     return f"{value:.{places}f}" if places >= 0 else f"{round(value, places):.0f}"
@@ -133,6 +137,8 @@ def readable(
     half = 0.5 * (high - low) * factor
     text = f"{digits(value.value * factor, half)} {name}".strip()
     interval = f"{digits(low * factor, half)} to {digits(high * factor, half)} {name}".strip() if low < high else ""
+    if value.unit in _INVERSE and value.value > 0.0:
+        text += f" ({rounded(1.0 / value.value, 3)} {_INVERSE[value.unit]})"
     return Readable(text, interval)
 
 

@@ -6,12 +6,13 @@ import io
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 
 from mrwarp.diagnose.report import mismatch_profile as profiles
 from mrwarp.diagnose.report import overview_pictures as pictures
 from mrwarp.diagnose.report import trace_pictures as traces
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.diagnose.verdict_text import quantity
+from mrwarp.diagnose.verdict_text import digits, quantity, readable
 from mrwarp.sysid.verdict import Value
 from tests.diagnose import made_up
 
@@ -171,3 +172,29 @@ def test_cogging_that_nobody_named_is_shown_within_its_period() -> None:
     assert f"one period of {2.0 * np.pi / 313.0:.3g}" in fine.label
     shares = [0.0 if (p := profiles.profile(axis, t)) is None else p.share for axis in (plain, fine)]
     assert shares[0] < 0.1 and shares[1] > 0.7
+
+
+def test_numbers_have_four_digits_at_most() -> None:
+    """However narrow their interval; a compliance has its spring constant next to it."""
+    for value, half, shown in ((12.047, 0.001, "12.05"), (123456.0, 0.1, "123500"), (0.0098123, 1e-6, "0.009812")):
+        assert digits(value, half) == shown
+    assert readable(Value(value=0.004, ci95=(0.003, 0.005), unit="rad/(N·m)")).value == "0.0040 rad/(N·m) (250 N·m/rad)"
+
+
+def test_one_panel_shows_two_statements_with_identical_curves() -> None:
+    """The titles are joined; another curve has a panel of its own."""
+    t = made_up.make("named").traces
+    lag, angle = (profiles.profile(profiles.axes_of(name, t, UNITS)[0], t) for name in ("memory", "q"))
+    panels = list(traces._merged([(lag, "coil lag"), (angle, "cogging"), (lag, "delay")]))
+    assert [text for _, text in panels] == ["coil lag and delay", "cogging"]
+
+
+def test_intervals_of_tried_effects_stay_within_all_of_the_mismatch() -> None:
+    """Nothing takes away more than all or less than nothing, however wide the interval."""
+    d = made_up.make("named")
+    wide = tuple(dataclasses.replace(t, gain=0.9, error=0.4) for t in d.tried)
+    figure = pictures.tried_picture(dataclasses.replace(d, tried=wide))
+    assert figure is not None
+    axis = figure.axes[0]
+    ends = np.concatenate([np.concatenate(c.get_segments()) for c in axis.collections if isinstance(c, LineCollection)])
+    assert 0.0 <= ends[:, 0].min() and ends[:, 0].max() <= 100.0 + 1e-9 <= axis.get_xlim()[1]
