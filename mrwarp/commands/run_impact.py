@@ -166,9 +166,12 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
 
     def _sweep(self, coupling: Coupling, variants: tuple[Variant, ...], policy: OnnxPolicy) -> ImpactSweep:
         from mrwarp.env.natural_units import scales_of
+        from mrwarp.rl.task_record import trained_device
         from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, fixed_current_env
 
         robot = {**self.chosen("payload", "asset", "model", "z_step"), "robot": self.robot or policy.file or "mr_go"}
+        if not (self.model or self.asset or self.robot):
+            robot["model"] = trained_device(policy.description.get("task", {}), policy.path)
         given = {name: value for name, value in self.chosen("speed", "force", "duration").items() if value is not None}
         cfg = ImpactCfg(
             **self.chosen("trials", "seed"),

@@ -85,16 +85,16 @@ class Mission(EnergyOptions):
         from mrwarp.trials import energy_report, walk_pictures
         from mrwarp.trials.mission import MissionCfg, heat_of_devices
         from mrwarp.trials.walking import device_notes, task_devices
-        from mrwarp.usd.asset import most_current, not_known
+        from mrwarp.usd.asset import not_known
 
         started, progress = time.perf_counter(), ProgressBar()
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
-        same = self.chosen(*TASK, "window", "current", "feedback", "seed")
+        same = self.chosen(*TASK, "window", "feedback", "seed")
         cfg = MissionCfg(
             **same, seeds=self.trials, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg()
         )
         devices = task_devices(cfg.env)
-        cfg = replace(cfg, current=min(self.current, most_current(devices)))
+        cfg = replace(cfg, current=self.used(devices))
         of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
         given = groups["thermal"]
         groups["thermal"], unknown = heat_of_devices(devices, given)
@@ -110,7 +110,7 @@ class Mission(EnergyOptions):
         if self.calibrate and not of_paper:
             others = ", ".join(f"--{name.replace('_', '-')}" for name in TASK)
             raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
-        for text in device_notes(cfg.env, self.current):
+        for text in device_notes(cfg.env, self.current or 0.0):
             print(text, flush=True)
         if unknown:
             print(f"note: the temperature of the devices is left out; not known: {'; '.join(unknown)}", flush=True)

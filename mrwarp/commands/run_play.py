@@ -32,7 +32,7 @@ MAX_SHOWN = 8
 
 TRAINED = (
     "robot", "payload", "actuator", "lstm_state", "gains", "coupling", "hold_current", "z_step", "sal", "current_by",
-    "coil_lag", "hold_speed", "terrain",
+    "coil_lag", "hold_speed", "terrain", "extrapolate",
 )  # fmt: skip
 """Fields of the task that are a policy's own, unless an option says else. Files and the machine are the user's."""
 
@@ -231,7 +231,7 @@ class Play(Options):
             ValueError: the policy was made for another action scale or rate than this version has, or its task cannot
                 be read.
         """
-        from mrwarp.rl.task_record import task_of
+        from mrwarp.rl.task_record import task_of, trained_device
 
         cfg = TaskCfg(num_envs=len(CURRENT_GROUPS))
         for name in ("action_scale", "step_dt", "gait_frequency"):
@@ -252,6 +252,8 @@ class Play(Options):
         )
         if others and "z_step" not in typed:  # devices that the policy was not trained with
             plant = replace(plant, z_step=ZStep.EXACT)
+        if not {"robot", "asset", "model"} & typed:
+            plant = replace(plant, model=trained_device(trained, str(self.policy)))
         return replace(cfg, **{each.name: getattr(plant, each.name) for each in fields(PlantCfg)})
 
 

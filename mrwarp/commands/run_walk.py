@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -19,6 +20,7 @@ from mrwarp.runtime import drawing
 
 if TYPE_CHECKING:
     from mrwarp.trials.walking import Policy
+    from mrwarp.usd.asset import JointActuator
 
 trot_speed = opt.within(0.05, 1.0, "m/s")
 """Command; the 1.5 Hz trot reaches about 0.6 m/s (section 7)."""
@@ -60,8 +62,8 @@ class EnergyOptions(opt.RobotChoice, opt.DeviceChoice, Options):
     """single numbers, e.g. regeneration=0"""
     branches: Literal["both", "holding"] = "both"
     """SAL with damping and holding, or holding alone"""
-    current: Annotated[float, opt.one(used_current, "A")] = 1.5
-    """current the devices may use"""
+    current: Annotated[float | None, opt.one(used_current, "A")] = None
+    """current the devices may use (default: the largest that they take)"""
     current_by: CurrentCommand | None = None
     """what commands the coils within that (default: as the policy of mr_go_sal was trained)"""
     threads: opt.Whole = 0
@@ -73,16 +75,23 @@ class EnergyOptions(opt.RobotChoice, opt.DeviceChoice, Options):
         """The task that the options ask for."""
         trained = self._trained()
         return TaskCfg(
-            **self.chosen("coupling", "asset", "model", "z_step", "threads"),
-            currents=(self.current,),
+            **self.chosen("coupling", "asset", "z_step", "threads"),
+            model=self.model or trained.model,
             damping=self.branches == "both",
             current_by=trained.current_by,
             coil_lag=trained.coil_lag,
             hold_speed=trained.hold_speed,
         )
 
+    def used(self, devices: Sequence[JointActuator]) -> float:
+        """Current that devices may use [A]."""
+        from mrwarp.usd.asset import most_current
+
+        most = most_current(devices)
+        return min(most if self.current is None else self.current, most)
+
     def _trained(self) -> TaskCfg:
-        """The policy's task, whose coils are commanded as it was trained unless an option says else.
+        """The policy's task: the device and the command of its coils are those of its training unless options say else.
 
         Raises:
             ValueError: the policy commands the coils and the option says that it does not, or the other way round.
@@ -91,7 +100,7 @@ class EnergyOptions(opt.RobotChoice, opt.DeviceChoice, Options):
         learns, task = False, TaskCfg()
         if path is not None:
             from mrwarp.rl.policy import OnnxPolicy
-            from mrwarp.rl.task_record import task_of
+            from mrwarp.rl.task_record import task_of, trained_device
 
             policy = OnnxPolicy(path)
             learns, said = policy.currents > 0, policy.description.get("task", {})
@@ -100,6 +109,8 @@ class EnergyOptions(opt.RobotChoice, opt.DeviceChoice, Options):
                 task = task_of({name: said[name] for name in coils if name in said})
             except ValueError as error:
                 raise ValueError(f"{path}: {error}; train it again") from None
+            if not (self.model or self.asset):
+                task = replace(task, model=trained_device(said, path))
             if learns:
                 task = replace(task, current_by=CurrentCommand.LEARNED)
         command = self.current_by or task.current_by
@@ -186,11 +197,11 @@ class Walk(EnergyOptions):
         from mrwarp.trials import energy_report, walk_pictures
         from mrwarp.trials.walk_trials import WalkCfg, walk
         from mrwarp.trials.walking import device_notes, task_devices
-        from mrwarp.usd.asset import most_current, not_known
+        from mrwarp.usd.asset import not_known
 
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
         cfg = WalkCfg(
-            **self.chosen("trials", "distance", "current", "seed"),
+            **self.chosen("trials", "distance", "seed"),
             robots=self._robots(),
             payloads=(0.0, 3.0) if self.payload is None else self.payload,
             speeds=self.speed or (0.3, 0.5),
@@ -200,9 +211,9 @@ class Walk(EnergyOptions):
         if self.calibrate and not energy_report.can_calibrate(cfg):
             conditions = "Go1 at 0.3 and 0.5 m/s with 0 and 3 kg"
             raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
-        for text in device_notes(cfg.env, self.current):
+        for text in device_notes(cfg.env, self.current or 0.0):
             print(text, flush=True)
-        cfg = replace(cfg, current=min(self.current, most_current(task_devices(cfg.env))))
+        cfg = replace(cfg, current=self.used(task_devices(cfg.env)))
         started, progress = time.perf_counter(), ProgressBar()
         try:
             results = walk(cfg, policies, progress)
@@ -231,18 +242,18 @@ class Walk(EnergyOptions):
         from mrwarp.rl.policy import OnnxPolicy
         from mrwarp.rl.policy_file import check_robot
         from mrwarp.trials import own_robot
-        from mrwarp.trials.walking import limit_note
-        from mrwarp.usd.asset import device_lines, load_robot, not_known
+        from mrwarp.trials.walking import devices_of, limit_note
+        from mrwarp.usd.asset import device_lines, not_known
 
         assert self.policy is not None  # checked
         if note := check_robot(self.policy, file):
             print(note, flush=True)
-        devices = [a for a in load_robot(robot=file).actuators if a.mr is not None]
+        task = replace(self.env_cfg(), robot=file)
+        devices = devices_of(task)
         policy, by = OnnxPolicy(self.policy), scales_of(file)
         electrical = read_numbers(self.numbers, self.set)["electrical"]
-        for text in (*device_lines(devices), *limit_note(devices, self.current), own_robot.assumption(by)):
+        for text in (*device_lines(devices), *limit_note(devices, self.current or 0.0), own_robot.assumption(by)):
             print(text, flush=True)
-        task = replace(self.env_cfg(), robot=file)
         rows, progress, loads = [], ProgressBar(), self.payload or (0.0,)
         try:
             for k, load in enumerate(loads):
@@ -250,7 +261,7 @@ class Walk(EnergyOptions):
                     task,
                     policy,
                     **self.chosen("trials", "distance", "seed"),
-                    currents=own_robot.currents_of(devices, self.current),
+                    currents=own_robot.currents_of(devices, self.used(devices)),
                     speeds=self.speed or [round(speed * by.speed, 3) for speed in (0.3, 0.5)],
                     payload=load,
                     cfg=electrical,

@@ -9,6 +9,7 @@ from typing import Any
 from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.config.mdp_cfg import RewardCfg, make_terrain_cfg
 from mrwarp.env.rewards import TERMS, check, flat
+from mrwarp.model_file import Model, ModelFileError, load_model, model_from_dict, model_to_dict, read_device
 from mrwarp.options.plain_values import plain, read
 from mrwarp.resources import MODELS
 from mrwarp.usd.robot import CURRENT_GROUPS
@@ -21,7 +22,37 @@ OLD = {"engine": "backend", "current": "current_by"}
 
 
 def record(cfg: TaskCfg) -> dict[str, Any]:
-    """The task as JSON gives it back. The ground stands there by name, rewards with the weights of all terms."""
+    """The task as JSON gives it back. The ground stands there by name, rewards with the weights of all terms.
+
+    ``mr_model`` is the device of ``model`` itself, so that the policy has it wherever its file goes.
+    """
+    device = None if cfg.model is None else read_device(cfg.model)
+    return _entries(cfg) | {"mr_model": model_to_dict(device) if isinstance(device, Model) else None}
+
+
+def trained_device(task: Mapping[str, Any], policy: str | Path) -> Model | None:
+    """The device that a policy was trained with in place of its robot's own; None: the robot's own.
+
+    Args:
+        task: What :func:`record` wrote, in this or an earlier version.
+        policy: Its file, for the refusal.
+
+    Raises:
+        ModelFileError: the device cannot be used, or stands in a file that is no longer there.
+    """
+    if task.get("mr_model") is not None:
+        return model_from_dict(task["mr_model"], f"{policy}: mr_model")
+    named = task.get("model")
+    if named is None:
+        return None
+    try:
+        return load_model(str(named))
+    except ModelFileError as error:
+        text = f"{policy}: was trained with --model {named}; name that device with --model ({error})"
+        raise ModelFileError(text) from None
+
+
+def _entries(cfg: TaskCfg) -> dict[str, Any]:
     content = plain(cfg)
     source = cfg.model if cfg.model is None or isinstance(cfg.model, str) else cfg.model.fitted_on.source
     content |= {"model": source, "engine": cfg.engine.value, "step_dt": cfg.step_dt, "rewards": flat(cfg.rewards)}
@@ -56,7 +87,7 @@ def task_of(content: Mapping[str, Any]) -> TaskCfg:
 
 def identity(cfg: TaskCfg) -> dict[str, Any]:
     """The entries of :func:`record` by which a task differs from another."""
-    return {name: value for name, value in record(cfg).items() if name not in FREE}
+    return {name: value for name, value in _entries(cfg).items() if name not in FREE}
 
 
 def differences(content: Mapping[str, Any], cfg: TaskCfg) -> Iterator[tuple[str, Any, Any]]:

@@ -27,7 +27,7 @@ from mrwarp.model_file import (
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import LAW, PD, is_mr, plain, read_model, read_number, read_parameters
-from mrwarp.usd.robot import MR_GO, Layout
+from mrwarp.usd.robot import MR_GO, CurrentShares, Layout
 from mrwarp.usd.robot_layout import read_layout
 
 COIL, COIL_NUMBER = "coil resistance", "coil_resistance"
@@ -192,16 +192,16 @@ def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]
 def taken_currents(
     actuators: Sequence[JointActuator], currents: Sequence[float], default: Sequence[float]
 ) -> tuple[float, ...]:
-    """The currents to use, each once: those of a command's ``default`` end at the largest that the coils take.
+    """The currents to use, each once: a command's ``default`` stands for shares of the largest that the coils take.
 
     Raises:
         AssetError: others are larger than that, see :func:`check_currents`.
     """
     most = min((a.mr.coil.current_max for a in actuators if a.mr and a.mr.coil.current_max > 0.0), default=math.inf)
     currents = tuple(dict.fromkeys(currents))
-    if currents == tuple(default) and max(currents) > most:
-        currents = tuple(dict.fromkeys(min(current, most) for current in currents))
-        print(f"note: limited to the devices' {most:g} A: {', '.join(f'{i:g}' for i in currents)} A")
+    if currents == tuple(default) and most not in (max(currents), math.inf):
+        currents = tuple(dict.fromkeys(CurrentShares(default).of(most)))
+        print(f"note: shares of the devices' {most:g} A: {', '.join(f'{i:.4g}' for i in currents)} A")
     check_currents(actuators, currents)
     return currents
 

@@ -3,17 +3,30 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import onnx
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.commands.run_walk import Walk
 from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit, save_model
+from mrwarp.model_file import (
+    JOINT_UNITS,
+    FittedOn,
+    Model,
+    Parameter,
+    load_model,
+    make_effect,
+    parameter_unit,
+    save_model,
+)
 from mrwarp.params import MrParams
-from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.resources import DEFAULT_POLICY, META
+from mrwarp.rl.task_record import differences, record, trained_device
 from mrwarp.trials import energy_report, own_robot
-from mrwarp.trials.walking import device_notes, foreign_device, largest_difference, limit_note, task_devices
+from mrwarp.trials.walking import device_notes, devices_of, foreign_device, largest_difference, limit_note, task_devices
 from mrwarp.usd.asset import most_current
 from mrwarp.usd.robot import CURRENT_GROUPS
 
@@ -70,7 +83,7 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
     robots = ["--robot", "mr_go", "mr_go_sal"]
     assert main(["walk", "--model", str(small_brake), *options, *robots, "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr().out
-    assert "no break-away test" in shown and "requested 1.5 A, limited to" in shown
+    assert "no break-away test" in shown and "requested" not in shown
     assert (
         "is not the paper's device (T_max " in shown and "instead of 26.6): the paper's figures are left out" in shown
     )
@@ -90,12 +103,13 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
 def test_currents_end_at_what_the_device_takes(
     small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By default, a robot with each, with a note; a current that was typed is refused."""
+    """By default shares of it, a robot with each, with a note; a current that was typed is refused."""
     line = ["play", "--agent", "zero", "--model", str(small_brake), "--seconds", "1", "--out", str(tmp_path / "out")]
     assert main(line) == 0
     shown = capsys.readouterr().out
-    assert "limited to the devices' 1 A: 0, 0.5, 1 A" in shown and "3 of 3 robots" in shown
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["currents"] == [0.0, 0.5, 1.0]
+    assert "shares of the devices' 1 A: 0, 0.3333, 0.6667, 1 A" in shown and "4 of 4 robots" in shown
+    currents = json.loads((tmp_path / "out" / "result.json").read_text())["currents"]
+    assert currents == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
     assert main([*line, "--current", "0", "1.2"]) == 2
     assert "--current 1.2: FL_calf takes 0 to 1 A" in capsys.readouterr().err
 
@@ -120,8 +134,8 @@ def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytes
     found = json.loads((tmp_path / "impact" / "result.json").read_text())
     assert found["paper_change"] is None
     rows = found["couplings"]["constraint"]["by_current"]
-    assert [row["current"] for row in rows] == [0.0, 0.5, 1.0]
-    assert rows[0]["energy"]["coil"] == 0.0 and rows[1]["energy"]["coil"] is rows[2]["energy"]["coil"] is None
+    assert [row["current"] for row in rows] == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
+    assert rows[0]["energy"]["coil"] == 0.0 and rows[1]["energy"]["coil"] is rows[3]["energy"]["coil"] is None
     shown = capsys.readouterr().out
     assert "is not the paper's device" in shown and "(paper" not in shown
 
@@ -165,3 +179,34 @@ def test_nobody_arrived(small_brake: Path, tmp_path: Path, capsys: pytest.Captur
     text = "\n".join(lines)
     assert "nan" not in text and "fell 1  late 2" in text
     assert "late: trials that had not covered the distance after 2 times distance over command" in lines[-1]
+
+
+def trained_with(task: dict[str, Any], path: Path) -> Path:
+    """The shipped policy, as if its training had had this in its task."""
+    proto = onnx.load(str(DEFAULT_POLICY))
+    entry = next(entry for entry in proto.metadata_props if entry.key == META)
+    description = json.loads(entry.value)
+    entry.value = json.dumps(description | {"task": description["task"] | task})
+    onnx.save(proto, str(path))
+    return path
+
+
+def test_a_policy_brings_the_device_of_its_training(
+    small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Played, hit and walked with it, also where its file is gone; an option or another robot's file goes first."""
+    model = load_model(small_brake)
+    task = record(TaskCfg(model=str(small_brake)))
+    assert trained_device(task, "x.onnx") == model and not list(differences(task, TaskCfg(model=str(small_brake))))
+    policy = trained_with({"model": "gone.json", "mr_model": task["mr_model"]}, tmp_path / "policy.onnx")
+    for line in (["play", "--seconds", "1"], ["impact", "--trials", "1", "--coupling", "constraint"]):
+        out = tmp_path / line[0]
+        assert main([*line, "--policy", str(policy), "--out", str(out)]) == 0
+        assert "shares of the devices' 1 A" in capsys.readouterr().out
+    walk = Walk(policy=policy)
+    assert walk.env_cfg().model == model and walk.used(devices_of(walk.env_cfg())) == 1.0
+    assert Walk(policy=policy, model="paper").env_cfg().model == "paper"
+    assert Walk(policy=policy, asset="other.usda").env_cfg().model is None
+    lost = trained_with({"model": "gone.json", "mr_model": None}, tmp_path / "lost.onnx")
+    assert main(["play", "--policy", str(lost), "--out", str(tmp_path / "no")]) == 2
+    assert "lost.onnx: was trained with --model gone.json; name that device with --model" in capsys.readouterr().err
