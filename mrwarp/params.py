@@ -337,7 +337,10 @@ class MrParams:
                 yield spec.name, getattr(getattr(self, key), spec.name)
 
     def alone(self) -> Self:
-        """The device by itself, as on a bench: angles from zero, and no motor."""
+        """The device by itself, as on a bench: angles from zero, and no motor.
+
+        Every host outside of a robot's asset takes a device so: ``q_neutral`` says where a joint stands in a robot.
+        """
         return self.replace(q_neutral=0.0, kp_base=0.0, kp_low=0.0, kd=0.0, tau_limit=1e4)
 
     def replace(self, **changes: float) -> Self:

@@ -24,7 +24,7 @@ class MrActuatorCfg(DeviceChoice):
     """Whether the holding branch may open (eq. 8); False leaves damping alone, as in the paper's section 6.3."""
     gated: Fixed[bool] = True
     """False: no gates, a plain current-driven device. The coil gets ``inputs.current_e``, a learned torque always acts,
-    and nothing holds."""
+    and as a brake constraint it holds what is slow or turns round."""
     latch: Fixed[float] = 5.0
     """Speed at which a device with ``inputs.command`` that holds lets go, in eps_hold of eq. 8: the gate's hysteresis
     keeps a joint that creeps about the threshold from switching its coil. 1 is the paper's gate; 2 saves nothing, 5

@@ -170,6 +170,7 @@ class MrActuator:
         self.slot_of = self._array(slot_of, int)
         self.joint_of = self._array(np.array(self.mr_joints, dtype=np.int32), int)
         self.leg_of = self._array(np.array([legs[i] for i in self.mr_joints], dtype=np.int32), int)
+        self._without_foot = any(legs[i] < 0 for i in self.mr_joints)
 
         rows = 1 if share_params else num_envs
         self.kp = self._array(np.tile([j.kp for j in joints], (rows, 1)), float)
@@ -345,6 +346,11 @@ class MrActuator:
             inputs = [rows, lanes_mr, self.device_params, self.joint_of, constraint, *read]
             learned = record(mr_stages.learned_torque_kernel, (rows, lanes_mr), inputs, [self.tau_mr, *torques[2:]])
             self._torque.append(learned)
+            if constraint and (not cfg.gated or self._without_foot):
+                read = [i.qd, self.current, self.tau_dyn, self.ring, self.head]
+                inputs = [self.device_params, self.joint_of, self.leg_of, int(cfg.gated), *read]
+                every = (self.num_envs, len(self.mr_joints))
+                self._torque.append(record(mr_stages.learned_hold_kernel, every, inputs, [self.bound]))
         self._ledger = record(
             ledger.ledger_kernel,
             (self.num_envs, lanes),

@@ -104,7 +104,7 @@ class DriveMR(DriveBase):
         mr_current, mr_foot_load: With Newton before 1.7 alone, see :func:`drive_inputs`.
 
     Without a foot load and with the constraint coupling, the yield torque bounds the reaction below ``eps_hold`` and
-    the sliding torque above it.
+    where the joint turns round (:func:`mrwarp.kernels.mr_joint.stuck`), the sliding torque elsewhere.
     """
 
     SHARED_PARAMS: ClassVar[set[str]] = {*_CHOICES, "effects"}
@@ -123,6 +123,8 @@ class DriveMR(DriveBase):
         """Row of the history's newest sample, shape (1,)."""
         fresh: wp.array[Any] | None = None
         """Joints that forget all else with the next step, bool, shape (N,)."""
+        speeds: wp.array[Any] | None = None
+        """Velocities of the history [rad/s], shape (N, 50); only without a learned torque."""
         ring: wp.array[Any] | None = None
         """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.learned_torque``; only with a learned torque."""
         heat: wp.array[Any] | None = None
@@ -168,7 +170,8 @@ class DriveMR(DriveBase):
         """Put the device of a model file on a joint: its numbers, its named effects, and their inertia as armature.
 
         Effects of the bench's sensors and of its calibration are no part of the device and do not act. There is no
-        motor unless ``arguments`` give it gains, even where the file holds some.
+        motor unless ``arguments`` give it gains, even where the file holds some. The device's angle is the joint's;
+        where its zero lies elsewhere, ``q_neutral`` says so.
 
         Args:
             path: A model.json of ``mrwarp fit`` or ``mrwarp diagnose``.
@@ -188,9 +191,10 @@ class DriveMR(DriveBase):
         armature = builder.joint_armature[index] + added_inertia(model.effects)
         if armature < 0.0:
             raise ValueError(f"{path}: its rotor_inertia leaves joint {index} an armature of {armature:g} kg·m²")
-        values = model.to_params(extrapolate=extrapolate).to_dict()
+        params = model.to_params(extrapolate=extrapolate)
         kp = float(arguments.get("kp_base", 0.0))
-        values |= {"kp_base": kp, "kp_low": min(kp, values["kp_low"]), "kd": 0.0}
+        motor = {"kp_low": min(kp, params.motor.kp_low), "tau_limit": params.motor.tau_limit}
+        values = {**params.alone().to_dict(), **motor}
         builder.add_actuator(cls, index=index, **{**values, "effects": model.effects, **arguments})
         builder.joint_armature[index] = armature
 
@@ -289,7 +293,7 @@ class DriveMR(DriveBase):
         """Arrays of the step that a :class:`State` holds between steps, by its names."""
         joints = self._joints
         arrays = {"z": joints.z.flatten(), "current": joints.coil.flatten(), "head": joints.head}
-        arrays |= {"ring": joints.ring} if self._learned is not None else {}
+        arrays |= {"ring": joints.ring} if self._learned is not None else {"speeds": joints.ring[:, 0, :, 1]}
         return arrays | (joints.effects.states if joints.effects is not None else {})
 
     def _prepare(self, dt: float, gated: bool) -> None:
@@ -362,7 +366,7 @@ class DriveMR(DriveBase):
             inputs=[
                 *(joints.device_params, target_vel_indices, int(joints.cfg.gated)),
                 *(int(self.coupling is Coupling.CONSTRAINT), x.q, x.qd, x.q_des, target_vel, feedforward),
-                *(joints.current, joints.m_hold, joints.tau_dyn),
+                *(joints.current, joints.m_hold, joints.tau_dyn, joints.ring, joints.head),
             ],
             outputs=[self.brake_bound, forces],
             device=device,

@@ -21,10 +21,9 @@ from mrwarp.kernels.mr_joint import (
     gated_command,
     hysteresis,
     sliding_torque,
-    stuck,
     unusable,
 )
-from mrwarp.kernels.mr_stages import device_share, flat, motor_torque, put, put4
+from mrwarp.kernels.mr_stages import device_share, flat, holds_without_gates, motor_torque, put, put4
 from mrwarp.kernels.pd import pd_torque
 
 
@@ -169,8 +168,8 @@ def make_step_kernel(effects: bool) -> Any:
                         current, predicted = logged, sliding_torque(p, qd, q_c, logged, z)
                     sliding = predicted + unusable(q, qd, allowed, may_use)
                     held = m_hold
-                    if no_foot and constraint == 1:
-                        held = stuck(p, qd)
+                    if branch == mr_joint.UNGATED and constraint == 1:
+                        held = holds_without_gates(p, qd, ring_out, k, row)
                     known, device, bound = device_share(p, constraint, held, e, qd, current, sliding)
                     motor = motor_torque(p, m_hold, e, qd)
                     sample = (k * WINDOW + row) * FEATURES

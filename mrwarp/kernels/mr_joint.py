@@ -108,9 +108,23 @@ def gated_command(
 
 
 @wp.func
-def stuck(p: JointParams, qd: float) -> float:
-    """1 where a device without gates holds with what current it has, as any brake does: the joint is slow."""
-    return hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
+def stuck(p: JointParams, qd: float, before: float, caught: int) -> float:
+    """1 where a device without gates holds with what current it has, as any brake does, else 0.
+
+    It holds a joint that is slow. A joint that turns round is slow for an instant only, which lies between two steps
+    where these are long, and a brake catches it there. So it also holds one that turned round within the last step,
+    until it stands, and one that will turn round within the coming step if its velocity goes on to change as it did in
+    the last. A joint whose load is above the yield torque speeds up, and is let go. With ``eps_hold`` = 0 none is held.
+
+    Args:
+        p: The joint's parameters.
+        qd: Velocity at the step's start [rad/s].
+        before: Velocity at the start of the step before [rad/s].
+        caught: 1 where the joint has only slowed down since it turned round.
+    """
+    slow = hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
+    turning = wp.abs(before) > 2.0 * wp.abs(qd)
+    return wp.where(p.eps_hold > 0.0 and (turning or caught == 1), 1.0, slow)
 
 
 @wp.func

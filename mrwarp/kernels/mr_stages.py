@@ -7,7 +7,7 @@ import warp as wp
 
 from mrwarp.kernels.clip import clip
 from mrwarp.kernels.gate import effective_kp
-from mrwarp.kernels.learned_torque import WINDOW
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_joint import JointParams, brake_bound, device_torque, displacement, stuck
 from mrwarp.kernels.pd import pd_torque
 
@@ -32,6 +32,37 @@ def put(values: wp.array2d[float], index: int, value: float):
 def put4(values: wp.array4d[float], index: int, value: float):
     """Set an element of a contiguous array with four axes by its flat index."""
     ...
+
+
+@wp.func_native("return values.data[index];")
+def flat4(values: wp.array4d[float], index: int) -> float:
+    """Element of a contiguous array with four axes by its flat index."""
+    ...
+
+
+@wp.func
+def holds_without_gates(p: JointParams, qd: float, ring: wp.array4d[float], device: int, row: int) -> float:
+    """1 where a device without gates holds, see :func:`mrwarp.kernels.mr_joint.stuck`.
+
+    Args:
+        p: The joint's parameters.
+        qd: Velocity at the step's start [rad/s].
+        ring: Histories, shape (E, M, WINDOW, FEATURES), of which velocities are the second feature.
+        device: Number of the device among the E*M.
+        row: Row of the history that holds, or will hold, this step's sample.
+    """
+    newer, before, caught = float(qd), float(0.0), int(0)
+    for age in range(1, WINDOW):
+        at = device * WINDOW + (row - age + WINDOW) % WINDOW
+        older = flat4(ring, at * FEATURES + 1)
+        if age == 1:
+            before = older
+        if newer * older < 0.0:
+            caught = 1
+        if caught == 1 or wp.abs(older) <= wp.abs(newer):
+            break
+        newer = older
+    return stuck(p, qd, before, caught)
 
 
 @wp.kernel(enable_backward=False)
@@ -109,6 +140,32 @@ def learned_torque_kernel(
                 tau_mr_out[env, slot] = known
                 tau_out[env, joint] = tau_motor_in[env, joint] + device
                 bound_out[env, joint] = bound
+
+
+@wp.kernel(enable_backward=False)
+def learned_hold_kernel(
+    # parameters: struct, shape (E or 1, M); joint of each device, (M,); leg of each device or -1, (M,); 1 = gates
+    params: wp.array2d[JointParams],
+    joint_of: wp.array[int],
+    leg_of: wp.array[int],
+    gated: int,
+    # in, shape (E, J) [rad/s], (E, M) [A, N·m], (E, M, WINDOW, FEATURES), (1,)
+    qd_in: wp.array2d[float],
+    current_in: wp.array2d[float],
+    tau_dyn_in: wp.array2d[float],
+    ring_in: wp.array4d[float],
+    head_in: wp.array[int],
+    # out, shape (E, J) [N·m]
+    bound_out: wp.array2d[float],
+):
+    """The brake's bound of learned_torque_kernel, again for devices without gates, which hold by themselves."""
+    env, slot = wp.tid()
+    if gated == 0 or leg_of[slot] < 0:
+        joint = joint_of[slot]
+        p = params[wp.min(env, params.shape[0] - 1), slot]
+        device = env * joint_of.shape[0] + slot
+        held = holds_without_gates(p, qd_in[env, joint], ring_in, device, head_in[0])
+        bound_out[env, joint] = brake_bound(p, held, current_in[env, slot], tau_dyn_in[env, slot])
 
 
 @wp.kernel(enable_backward=False)
@@ -194,7 +251,8 @@ def drive_torque_kernel(
     v_des_adr: wp.array[wp.uint32],
     gated: int,
     constraint: int,
-    # in, shape (N, 1) [rad, rad/s, rad]; Newton's flat arrays [rad/s, N·m or none]; shape (N, 1) [A, 1, N·m]
+    # in, shape (N, 1) [rad, rad/s, rad]; Newton's flat arrays [rad/s, N·m or none]; shape (N, 1) [A, 1, N·m]; histories
+    # (N, 1, WINDOW, FEATURES) and the row of their newest sample, (1,)
     q_in: wp.array2d[float],
     qd_in: wp.array2d[float],
     q_des_in: wp.array2d[float],
@@ -203,6 +261,8 @@ def drive_torque_kernel(
     current_in: wp.array2d[float],
     m_hold_in: wp.array2d[float],
     sliding_in: wp.array2d[float],
+    ring_in: wp.array4d[float],
+    head_in: wp.array[int],
     # out, shape (N,) [N·m]
     bound_out: wp.array[float],
     tau_out: wp.array[float],
@@ -214,7 +274,7 @@ def drive_torque_kernel(
     current, m_hold, sliding = current_in[i, 0], m_hold_in[i, 0], sliding_in[i, 0]
     held = float(m_hold)
     if gated == 0:
-        held = stuck(p, qd)
+        held = holds_without_gates(p, qd, ring_in, i, head_in[0])
     device, bound = float(0.0), float(0.0)
     if constraint == 1:
         bound = brake_bound(p, held, current, sliding)

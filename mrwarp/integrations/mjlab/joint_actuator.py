@@ -44,7 +44,8 @@ class MrJointActuatorCfg(ActuatorCfg):
     model: str | Path | None = None
     """Device: model.json of ``mrwarp fit`` or ``diagnose``; None: the paper's."""
     parameters: dict[str, float] = field(default_factory=dict)
-    """Parameters of :class:`mrwarp.params.MrParams` that differ, e.g. ``{"K1": 2.0}``."""
+    """Parameters of :class:`mrwarp.params.MrParams` that differ, e.g. ``{"K1": 2.0}``; ``q_neutral`` [rad] where the
+    device's zero is not the joint's."""
     current: float = 0.0
     """Coil current to begin with [A]."""
     gated: bool = False
@@ -71,7 +72,7 @@ class MrJointActuatorCfg(ActuatorCfg):
             "kd": self.damping,
             "tau_limit": self.effort_limit,
         }
-        values = {**mr.to_dict(), **motor, **self.parameters}
+        values = {**mr.alone().to_dict(), **motor, **self.parameters}
         return DeviceAlone(
             mr=MrParams.from_dict(values, type(self).__name__), effects=model.effects if model is not None else ()
         )
@@ -199,7 +200,7 @@ class MrJointActuator(Actuator[MrJointActuatorCfg]):
             inputs=[
                 *(joints.device_params, self._addresses, int(joints.cfg.gated)),
                 *(int(self.cfg.coupling is Coupling.CONSTRAINT), x.q, x.qd, x.q_des, qd_des, effort),
-                *(joints.current, joints.m_hold, joints.tau_dyn),
+                *(joints.current, joints.m_hold, joints.tau_dyn, joints.ring, joints.head),
             ],
             outputs=[bound, tau],
             device=tau.device,
