@@ -123,10 +123,10 @@ class DriveMR(DriveBase):
         """Row of the history's newest sample, shape (1,)."""
         fresh: wp.array[Any] | None = None
         """Joints that forget all else with the next step, bool, shape (N,)."""
-        speeds: wp.array[Any] | None = None
-        """Velocities of the history [rad/s], shape (N, 50); only without a learned torque."""
+        history: wp.array[Any] | None = None
+        """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.learned_torque``: whether the joint turns round."""
         ring: wp.array[Any] | None = None
-        """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.learned_torque``; only with a learned torque."""
+        """In its place with a learned torque, which reads all of it."""
         heat: wp.array[Any] | None = None
         """This and the following only with effects, see :class:`mrwarp.actuator.effect_runtime.DeviceEffects`."""
         newest: wp.array[Any] | None = None
@@ -293,7 +293,7 @@ class DriveMR(DriveBase):
         """Arrays of the step that a :class:`State` holds between steps, by its names."""
         joints = self._joints
         arrays = {"z": joints.z.flatten(), "current": joints.coil.flatten(), "head": joints.head}
-        arrays |= {"ring": joints.ring} if self._learned is not None else {"speeds": joints.ring[:, 0, :, 1]}
+        arrays |= {"history" if self._learned is None else "ring": joints.ring}
         return arrays | (joints.effects.states if joints.effects is not None else {})
 
     def _prepare(self, dt: float, gated: bool) -> None:

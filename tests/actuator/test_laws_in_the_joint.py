@@ -59,10 +59,9 @@ def test_a_law_is_passive_in_both_couplings(law: str, tmp_path: Path) -> None:
 
 
 def test_the_torque_is_the_laws(tmp_path: Path) -> None:
-    """Kwok's law at 1 A, about the joint's neutral angle."""
+    """Kwok's law at 1 A, about the joint's zero."""
     q, qd, effort, _ = swung("kwok", tmp_path, Coupling.EXPLICIT)
-    q_c = q + 1.5  # q_neutral of the defaults
-    h = np.tanh(NUMBERS["kwok"]["slope"] * qd + NUMBERS["kwok"]["width"] * np.sign(q_c))
+    h = np.tanh(NUMBERS["kwok"]["slope"] * qd + NUMBERS["kwok"]["width"] * np.sign(q))
     want = -np.sign(qd) * np.abs(0.05 * qd + 2.2 * h)
     np.testing.assert_allclose(effort, want, rtol=0, atol=2e-3)
 
@@ -74,7 +73,7 @@ def test_behind_play_the_joint_bears_what_the_replay_says(law: str, tmp_path: Pa
     q, qd, effort, _ = swung(law, tmp_path, Coupling.EXPLICIT, gap)
     t, w = DT * np.arange(1, STEPS + 1), 2.0 * np.pi * 1.3
     shaft = along.Shaft.steady(np.ones(STEPS), dt=DT)
-    shaft = replace(shaft, q=q + 1.5, qd=qd, qdd=-0.3 * w * w * np.sin(w * t))
+    shaft = replace(shaft, q=q, qd=qd, qdd=-0.3 * w * w * np.sin(w * t))
     base = {name: value for name, value in UNIT_LOOP.items() if value}
     want = along.torque(shaft, base, {law: NUMBERS[law], "backlash": {"half_gap": 0.03}})
     opposing = -np.sign(qd) * np.abs(want)

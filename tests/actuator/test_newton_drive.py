@@ -450,7 +450,7 @@ def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:
 def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path: Path) -> None:
     """All effects of a model file, 150 steps through a masked reset: effort and bound are those of MrActuator."""
     effects = tuple(effect(name) for name in MECHANISMS)
-    motor = {name: value for name, value in MrParams() if name in ("kp_base", "kd")}
+    motor = {name: value for name, value in MrParams() if name in ("kp_base", "kd", "q_neutral")}
     model = fitted_scene(model_file(tmp_path / "model.json", effects, K1=7.5), NUM, coupling=coupling, **motor)
     rig = Rig(model)
     other = reference(
@@ -476,7 +476,7 @@ def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path
 def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], tmp_path: Path) -> None:
     """Along a prescribed motion a current-driven drive gives the torque of the kernel that names the effects."""
     effects = tuple(massless(name) for name in names)
-    values = {name: value for name, value in OPEN if name in ("eps_v", "eps_hold")}
+    values = {name: value for name, value in OPEN if name in ("eps_v", "eps_hold", "q_neutral")}
     path = model_file(tmp_path / "model.json", effects)
     rig = Rig(fitted_scene(path, 1, z_step=ZStep.EXACT, kp_base=0.0, kp_low=0.0, kd=0.0, **values))
     rig.inputs.mr_foot_load = None

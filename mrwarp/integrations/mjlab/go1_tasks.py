@@ -45,7 +45,7 @@ def with_mr_calves(cfg: Any, current: float = CURRENT) -> Any:
         cfg: ``ManagerBasedRlEnvCfg`` with a Go1 named ``robot`` and the sensor :data:`FEET`.
         current: Coil current while a gate is open [A].
     """
-    robot, motor = cfg.scene.entities["robot"], MrParams().motor
+    robot, motor, neutral = cfg.scene.entities["robot"], MrParams().motor, MrParams().bouc_wen.q_neutral
     (knees,) = (a for a in robot.articulation.actuators if ".*_calf_joint" in a.target_names_expr)
     calves = MrJointActuatorCfg(
         target_names_expr=knees.target_names_expr,
@@ -54,6 +54,7 @@ def with_mr_calves(cfg: Any, current: float = CURRENT) -> Any:
         damping=motor.kd,
         effort_limit=motor.tau_limit,
         current=current,
+        parameters={"q_neutral": neutral},  # where the paper's calves stand
         gated=True,
     )
     others = tuple(a for a in robot.articulation.actuators if a is not knees)
