@@ -20,7 +20,7 @@ import warp as wp
 
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.joint_batch import JointBatch
-from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS
+from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.enums import Coupling
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, save_model
 from mrwarp.params import MrParams
@@ -101,7 +101,17 @@ class Trace:
 
 def device(law: str = "bouc_wen", effects: Iterable[str] = (), **values: float) -> Model:
     """A device of a law, with effects."""
-    unit_loop = {"alpha": 0.0, "beta": 1.0, "gamma": 0.0, "K0": 0.2, "K1": 2.0, "D": 0.02, "C": 0.4, "I1": 0.05, "B": 0.05}
+    unit_loop = {
+        "alpha": 0.0,
+        "beta": 1.0,
+        "gamma": 0.0,
+        "K0": 0.2,
+        "K1": 2.0,
+        "D": 0.02,
+        "C": 0.4,
+        "I1": 0.05,
+        "B": 0.05,
+    }
     known = {**MrParams().to_dict(), **(unit_loop if law in HYSTERESIS else {}), "C": 0.6, **values}
     names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "q_offset", "q_center", "T_max", "K", "n")
     parameters = {name: Parameter(value=known[name], unit=MrParams.spec(name).unit) for name in names}
@@ -215,7 +225,6 @@ def drive_bound(case: Case) -> Trace:
 def environment(case: Case) -> Trace:
     """``MrActuator`` in the simulated robot, whose joint stands at :data:`NEUTRAL`."""
     from benchmarks.verify.rigs import link_scene
-    from mrwarp.enums import BackendKind
     from mrwarp.env.config.sim_cfg import SimCfg
     from mrwarp.env.sim import ActuatedSim
     from mrwarp.usd.asset import JointActuator
@@ -225,7 +234,7 @@ def environment(case: Case) -> Trace:
     joint = JointActuator(joint="joint", prim_path="", kp=0.0, kd=0.0, tau_limit=1.0, mr=mr, model=case.model)
     no_feet = replace(MR_GO, legs=(), neutral={joint.joint: NEUTRAL})
     scene = replace(link_scene(mr, dt=case.dt), actuators=(joint,), layout=no_feet)
-    cfg = SimCfg(num_envs=1, dt=case.dt, backend=BackendKind.MJBATCH, threads=1)
+    cfg = SimCfg(num_envs=1, dt=case.dt)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=Coupling.CONSTRAINT))
 
     def step(q: float, qd: float, current: float) -> dict[str, float]:
@@ -237,7 +246,17 @@ def environment(case: Case) -> Trace:
     return traced(case, step, robot.actuator.reset)
 
 
-def _mjlab(case: Case, coupling: Coupling) -> Trace:
+@dataclass(frozen=True)
+class MjlabRig:
+    """Arms of mjlab with its MR actuator."""
+
+    scene: Any
+    sim: Any
+    actuator: Any
+
+
+def mjlab_arms(num_envs: int, dt: float, *, inertia: float = 0.1, **cfg: Any) -> MjlabRig:
+    """Arms without weight whose motors give what they are told; ``cfg`` as of ``MrJointActuatorCfg``."""
     import mujoco
     from mjlab.entity import EntityArticulationInfoCfg, EntityCfg  # pyright: ignore[reportMissingImports]
     from mjlab.scene import Scene, SceneCfg  # pyright: ignore[reportMissingImports]
@@ -247,25 +266,29 @@ def _mjlab(case: Case, coupling: Coupling) -> Trace:
 
     arm = (
         '<mujoco><worldbody><body name="base"><geom size="0.02" mass="1"/><body name="arm"><joint name="elbow" '
-        'axis="0 1 0"/><geom size="0.1" mass="1"/></body></body></worldbody></mujoco>'
+        f'axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/>'
+        "</body></body></worldbody></mujoco>"
     )
-    with TemporaryDirectory() as folder:
-        path = save_model(case.model, Path(folder) / "model.json")
-        motor = {"stiffness": 0.0, "damping": 0.0, "effort_limit": 1.0, "model": path, "coupling": coupling}
-        entity = EntityCfg(
-            spec_fn=lambda: mujoco.MjSpec.from_string(arm),
-            articulation=EntityArticulationInfoCfg(
-                actuators=(MrJointActuatorCfg(target_names_expr=("elbow",), **motor),)
-            ),
-        )
-        scene = Scene(SceneCfg(num_envs=1, entities={"robot": entity}), "cpu")
-        settings = SimulationCfg(mujoco=MujocoCfg(timestep=case.dt))
-        sim = Simulation(num_envs=1, cfg=settings, model=scene.compile(), device="cpu")
-        scene.initialize(sim.mj_model, sim.model, sim.data)
+    motor = MrJointActuatorCfg(target_names_expr=("elbow",), **{"stiffness": 0.0, "damping": 0.0, **cfg})
+    entity = EntityCfg(
+        spec_fn=lambda: mujoco.MjSpec.from_string(arm), articulation=EntityArticulationInfoCfg(actuators=(motor,))
+    )
+    scene = Scene(SceneCfg(num_envs=num_envs, entities={"robot": entity}), "cpu")
+    settings = SimulationCfg(mujoco=MujocoCfg(timestep=dt))
+    sim = Simulation(num_envs=num_envs, cfg=settings, model=scene.compile(), device="cpu")
+    scene.initialize(sim.mj_model, sim.model, sim.data)
     sim.expand_model_fields(brakes.model_fields)
     (actuator,) = scene["robot"].actuators
     actuator.prepare_brake()
-    cmd = actuator.get_command(scene["robot"].data)
+    return MjlabRig(scene, sim, actuator)
+
+
+def _mjlab(case: Case, coupling: Coupling) -> Trace:
+    with TemporaryDirectory() as folder:
+        path = save_model(case.model, Path(folder) / "model.json")
+        rig = mjlab_arms(1, case.dt, effort_limit=1.0, model=path, coupling=coupling)
+    actuator = rig.actuator
+    cmd = actuator.get_command(rig.scene["robot"].data)
 
     def step(q: float, qd: float, current: float) -> dict[str, float]:
         cmd.pos[:], cmd.vel[:], actuator.current[:] = q, qd, current

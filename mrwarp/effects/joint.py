@@ -16,7 +16,7 @@ import warp as wp
 from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
 from mrwarp.effects.path import current_path, law_in_force, law_path, motion_path, path_torque, torque_path
-from mrwarp.kernels.mr_joint import JointParams, displacement, hysteresis
+from mrwarp.kernels.mr_joint import JointParams, hysteresis, own_displacement
 
 _DELAY = wp.constant(column_of("command_delay", "delay"))
 _THERMAL = wp.constant(column_of("temperature_drift", "time_constant"))
@@ -91,8 +91,9 @@ def joint_path(
     s = current_path(s, values, row, memory, line)
     s.current = wp.abs(s.current)  # a coil and a core know signs, the fluid does not
     s.field = wp.abs(s.field)
-    s.q = q
-    s.zero = q - displacement(p, q)
+    # the device's own angle, about which a bench fitted its effects: where it stands in a robot is no part of it
+    s.q = q - p.q_neutral
+    s.zero = s.q - own_displacement(p, s.q)
     s.middle = s.zero
     s.qd = qd
     s.qd_before = qd

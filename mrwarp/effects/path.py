@@ -13,7 +13,7 @@ import warp as wp
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, HYSTERESIS, SLOT, SLOTS, SOURCES, column_of
 from mrwarp.effects.law import Path
 from mrwarp.kernels.bouc_wen import bouc_wen_behind_play, bouc_wen_exact, bouc_wen_release
-from mrwarp.kernels.mr_joint import JointParams, displacement
+from mrwarp.kernels.mr_joint import JointParams, own_displacement
 
 _CURRENT = [law for law in CATALOGUE.values() if law.stage == "current"]
 _MOTION = [law for law in CATALOGUE.values() if law.stage == "motion"]
@@ -199,7 +199,7 @@ def law_hysteresis(
 ) -> float:
     """z after the step by the law in force [rad]: its unit hysteresis times z's bound."""
     bound = 1.0 / wp.max(p.beta + p.gamma, 1.0e-6)
-    q_c, h = displacement(p, s.q), float(z / bound)
+    q_c, h = own_displacement(p, s.q), float(z / bound)
     wp.static(SOURCES)
     for i in range(wp.static(len(_HYSTERESIS))):
         if law == i + 1:
@@ -334,4 +334,5 @@ def path_torque(p: JointParams, s: Path) -> float:
     loop = s.yield_gain * (p.K0 + p.K1 * s.field) / weakening * s.z
     if s.engaged < 1.0:
         loop = s.engaged * loop
-    return p.D + s.viscous_gain * s.viscosity * s.qd + p.C * displacement(p, s.q) + p.I1 * s.current + loop + s.torque
+    plain = p.D + s.viscous_gain * s.viscosity * s.qd + p.C * own_displacement(p, s.q) + p.I1 * s.current
+    return plain + loop + s.torque

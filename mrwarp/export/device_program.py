@@ -17,7 +17,7 @@ from mrwarp.params import MrParams
 FIXED: dict[str, Value] = {"held": 1, "begins": 0, "qdd": 0.0, "qdd_before": 0.0}
 """Fields of a step that the simulator never changes: it holds command and torque, and knows no acceleration."""
 
-STATE = ("z", "coil", "bound", "heat", "steps", "newest")
+STATE = ("z", "coil", "bound", "speed", "caught", "heat", "steps", "newest")
 """Numbers that a device remembers from step to step, in addition to states of effects and past commands."""
 
 

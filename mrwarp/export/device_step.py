@@ -12,7 +12,15 @@ from mrwarp.effects.joint import delayed_command, joint_path, stored_heat
 from mrwarp.kernels.brake import yield_torque
 from mrwarp.kernels.clip import clip
 from mrwarp.kernels.coil import coil_current, mean_coil_current
-from mrwarp.kernels.mr_joint import JointParams, displacement, hysteresis, sliding_torque, stuck, unusable
+from mrwarp.kernels.mr_joint import (
+    JointParams,
+    displacement,
+    hysteresis,
+    sliding_torque,
+    slowed_since_turn,
+    stuck,
+    unusable,
+)
 
 DT = 0.0
 EFFECTS = DELAYED = WORN = WARMED = COMMANDS = 0
@@ -56,7 +64,10 @@ def step(
         flowing, sliding, strength = s.current, s.torque, s.yield_gain
     sliding = sliding + unusable(q, qd, current, command)
     bound = wp.abs(sliding)
-    if stuck(p, qd) > 0.0:
+    joint.caught = slowed_since_turn(qd, joint.speed, joint.caught)
+    held = stuck(p, qd, joint.speed, joint.caught)
+    joint.speed = qd
+    if held > 0.0:
         tau_y = yield_torque(flowing, strength * p.T_max, p.K, p.n)
         bound = wp.where(tau_y > bound, tau_y, bound)
     joint.bound = bound

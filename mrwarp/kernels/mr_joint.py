@@ -108,7 +108,15 @@ def gated_command(
 
 
 @wp.func
-def stuck(p: JointParams, qd: float, before: float, caught: int) -> float:
+def slowed_since_turn(qd: float, before: float, caught: float) -> float:
+    """1 where a joint has only slowed down since it turned round, else 0; ``caught`` is that of the step before."""
+    if qd * before < 0.0:
+        return 1.0
+    return wp.where(wp.abs(qd) < wp.abs(before), caught, 0.0)
+
+
+@wp.func
+def stuck(p: JointParams, qd: float, before: float, caught: float) -> float:
     """1 where a device without gates holds with what current it has, as any brake does, else 0.
 
     It holds a joint that is slow. A joint that turns round is slow for an instant only, which lies between two steps
@@ -120,17 +128,23 @@ def stuck(p: JointParams, qd: float, before: float, caught: int) -> float:
         p: The joint's parameters.
         qd: Velocity at the step's start [rad/s].
         before: Velocity at the start of the step before [rad/s].
-        caught: 1 where the joint has only slowed down since it turned round.
+        caught: :func:`slowed_since_turn`.
     """
     slow = hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
     turning = wp.abs(before) > 2.0 * wp.abs(qd)
-    return wp.where(p.eps_hold > 0.0 and (turning or caught == 1), 1.0, slow)
+    return wp.where(p.eps_hold > 0.0 and (turning or caught > 0.0), 1.0, slow)
+
+
+@wp.func
+def own_displacement(p: JointParams, q: float) -> float:
+    """Offset-corrected displacement q_c [rad] of eq. 14 at the device's own angle, that of its bench."""
+    return q - (p.q_offset + p.q_center)
 
 
 @wp.func
 def displacement(p: JointParams, q: float) -> float:
-    """Offset-corrected joint displacement q_c [rad] of eq. 14."""
-    return q - p.q_neutral - (p.q_offset + p.q_center)
+    """Offset-corrected joint displacement q_c [rad] of eq. 14 at an angle of the joint."""
+    return own_displacement(p, q - p.q_neutral)
 
 
 @wp.func

@@ -42,7 +42,7 @@ def flat4(values: wp.array4d[float], index: int) -> float:
 
 @wp.func
 def holds_without_gates(p: JointParams, qd: float, ring: wp.array4d[float], device: int, row: int) -> float:
-    """1 where a device without gates holds, see :func:`mrwarp.kernels.mr_joint.stuck`.
+    """1 where a device without gates holds, see :func:`mrwarp.kernels.mr_joint.stuck`, by the history's velocities.
 
     Args:
         p: The joint's parameters.
@@ -51,15 +51,15 @@ def holds_without_gates(p: JointParams, qd: float, ring: wp.array4d[float], devi
         device: Number of the device among the E*M.
         row: Row of the history that holds, or will hold, this step's sample.
     """
-    newer, before, caught = float(qd), float(0.0), int(0)
+    newer, before, caught = float(qd), float(0.0), float(0.0)
     for age in range(1, WINDOW):
         at = device * WINDOW + (row - age + WINDOW) % WINDOW
         older = flat4(ring, at * FEATURES + 1)
         if age == 1:
             before = older
         if newer * older < 0.0:
-            caught = 1
-        if caught == 1 or wp.abs(older) <= wp.abs(newer):
+            caught = 1.0
+        if caught > 0.0 or wp.abs(older) <= wp.abs(newer):
             break
         newer = older
     return stuck(p, qd, before, caught)

@@ -12,7 +12,6 @@ from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.joint_batch import JointBatch
 from mrwarp.model_file import Device
 
-
 _OWN: WeakKeyDictionary[mujoco.MjModel, dict[int, tuple[float, float]]] = WeakKeyDictionary()
 """Friction [N·m] and armature [kg·m²] that braked dofs of a model have without their devices."""
 

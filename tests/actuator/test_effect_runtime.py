@@ -197,7 +197,8 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
     # the kernel's cubic joins two velocities; this acceleration makes its way that of the newest velocity held
     qdd = -6.0 / DT * np.cumsum(np.diff(qd, prepend=0.0))
     bouc_wen = OPEN.bouc_wen
-    values = {**dict(OPEN), "q_zero": bouc_wen.q_neutral + bouc_wen.q_offset + bouc_wen.q_center}
+    q = q - bouc_wen.q_neutral  # the bench's angle
+    values = {**dict(OPEN), "q_zero": bouc_wen.q_offset + bouc_wen.q_center}
     row = values_row(effects)
     lag = row[column_of("coil_lag", "time_constant")]
     if lag > 0.0:
