@@ -25,7 +25,7 @@ test-slow: $(READY)
 test-mjlab:
 	test -x .venv-mjlab/bin/pytest || { $(PYTHON) -m venv .venv-mjlab && .venv-mjlab/bin/python -m pip install \
 		-c <(grep -E '^(torch|warp-lang)==' constraints.txt) mjlab==1.6.0 -e . pytest; }
-	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest tests/integrations/test_mjlab.py
+	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest -m "not slow" tests/integrations/test_mjlab.py tests/integrations/test_hosts.py
 
 # exactly the lower bounds of pyproject.toml: joint, drive, plain MuJoCo, and the task in others' learning code.
 # Isaac Lab 3.0.0 pins these Newton, Warp, MuJoCo and torch, mjlab 1.6.0 this rsl-rl

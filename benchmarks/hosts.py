@@ -7,8 +7,11 @@ docs/integrations.md. Hosts that cannot be imported keep the figures that are th
 from __future__ import annotations
 
 import argparse
+import ctypes
 import importlib
 import json
+import shutil
+import subprocess
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +28,9 @@ from mrwarp.enums import Coupling
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, save_model
 from mrwarp.params import MrParams
 from mrwarp.run_dir import plain, write_text
+
+COMPILER = shutil.which("cc")
+"""The C compiler, if there is one."""
 
 RESULTS = Path(__file__).parents[1] / "docs/results/hosts.json"
 """The committed figures."""
@@ -195,21 +201,27 @@ def _drive(case: Case, coupling: Coupling) -> Trace:
     model = builder.finalize(device="cpu")
     (actuator,) = model.actuators
     state, control = model.state(), model.control()
+    q_all, qd_all, forces, drive = state.joint_q, state.joint_qd, control.joint_f, actuator.drive
+    assert q_all is not None and qd_all is not None and forces is not None and isinstance(drive, DriveMR)
     inputs = drive_inputs(actuator, control)
     inputs.mr_foot_load = None
     states = [actuator.state(), actuator.state()]
 
     def step(q: float, qd: float, current: float) -> dict[str, float]:
-        for array, value in ((state.joint_q, q), (state.joint_qd, qd), (inputs.mr_current, current)):
+        for array, value in ((q_all, q), (qd_all, qd), (inputs.mr_current, current)):
             array.fill_(value)
-        control.joint_f.zero_()
+        forces.zero_()
         actuator.step(state, control, *states, dt=case.dt)
         states.reverse()
-        if coupling is Coupling.EXPLICIT:
-            return {"effort": control.joint_f.numpy()[0]}
-        return {"bound": actuator.drive.brake_bound.numpy()[0]}
+        return (
+            {"effort": forces.numpy()[0]} if coupling is Coupling.EXPLICIT else {"bound": drive.brake_bound.numpy()[0]}
+        )
 
-    return traced(case, step, lambda: states[0].reset())
+    def reset() -> None:
+        assert states[0] is not None
+        states[0].reset()
+
+    return traced(case, step, reset)
 
 
 def drive_explicit(case: Case) -> Trace:
@@ -220,6 +232,63 @@ def drive_explicit(case: Case) -> Trace:
 def drive_bound(case: Case) -> Trace:
     """``DriveMR`` in a Newton scene, as dry friction."""
     return _drive(case, Coupling.CONSTRAINT)
+
+
+def python_export(case: Case) -> Trace:
+    """The one-file NumPy export of ``mrwarp export``."""
+    from mrwarp.export.writers import export_device
+
+    with TemporaryDirectory() as folder:
+        path = export_device(case.model, Path(folder), dt=case.dt)["python"]
+        code: dict[str, Any] = {"__name__": "exported"}
+        exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), code)  # noqa: S102 - made here
+    joints = code["Joints"](1)
+
+    def step(q: float, qd: float, current: float) -> dict[str, float]:
+        return {"torque": joints.step(q, qd, current)[0], "bound": joints.bound[0]}
+
+    return traced(case, step, joints.reset)
+
+
+C_SOURCE = """#include "mr_joint.h"
+static mr_joint joint;
+void step(float q, float qd, float current, float *out)
+{{
+    out[0] = mr_joint_step(&joint, q, qd, current);
+    out[1] = joint.bound;
+}}
+void reset(void)
+{{
+    mr_joint rested = {{0}};
+    {session}
+    joint = rested;
+}}
+"""
+"""A device behind the exported C header; the session, over which it wears, goes on after a reset."""
+
+
+def c_export(case: Case) -> Trace:
+    """The C header of ``mrwarp export``, compiled."""
+    from mrwarp.export.writers import export_device
+
+    folder = TemporaryDirectory()
+    header = export_device(case.model, Path(folder.name), dt=case.dt)["c"]
+    source, library = header.with_suffix(".c"), header.with_suffix(".so")
+    session = "rested.steps = joint.steps;" if "int steps;" in header.read_text(encoding="utf-8") else ""
+    source.write_text(C_SOURCE.format(session=session), encoding="utf-8")
+    command = [COMPILER or "cc", "-std=c99", "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"]
+    subprocess.run(command, check=True)
+    code = ctypes.CDLL(str(library))
+    code.step.argtypes = [*[ctypes.c_float] * 3, ctypes.POINTER(ctypes.c_float)]
+    out = (ctypes.c_float * 2)()
+
+    def step(q: float, qd: float, current: float) -> dict[str, float]:
+        code.step(q, qd, current, out)
+        return {"torque": out[0], "bound": out[1]}
+
+    trace = traced(case, step, code.reset)
+    folder.cleanup()
+    return trace
 
 
 def environment(case: Case) -> Trace:
@@ -315,18 +384,20 @@ class Host:
     name: str
     run: Callable[[Case], Trace]
     needs: str
-    """Module that it cannot do without."""
+    """Module, or the C compiler, that it cannot do without."""
     bound: float
     """Largest difference from ``JointBatch``, as a share of the case's largest torque."""
 
     @property
-    def here(self) -> bool:
-        """Whether it can be run."""
+    def missing(self) -> str:
+        """What it lacks here, and nothing where it can be run."""
+        if self.needs == "cc":
+            return "" if COMPILER else "a C compiler 'cc'"
         try:
             importlib.import_module(self.needs)
         except ImportError:
-            return False
-        return True
+            return self.needs
+        return ""
 
 
 SAME = 1e-6
@@ -336,11 +407,16 @@ SHIFTED = 1e-4
 """The same kernels on angles that are stored about another zero, rounded to 1e-7 rad of it; a device that is wound by
 its spring bears some ten N·m/rad, and a step of a law's sign may come a rounding earlier."""
 
+OTHER = 1e-4
+"""The same laws by another compiler, or in 64 bits."""
+
 HOSTS = (
     Host(name="`Brake`", run=mujoco_brake, needs="mujoco", bound=SAME),
     Host(name="`DriveMR`, explicit", run=drive_explicit, needs="newton", bound=SAME),
     Host(name="`DriveMR`, bound", run=drive_bound, needs="newton", bound=SAME),
     Host(name="`MrActuator` in the env", run=environment, needs="mrwarp.env.sim", bound=SHIFTED),
+    Host(name="exported C", run=c_export, needs="cc", bound=OTHER),
+    Host(name="exported NumPy", run=python_export, needs="numpy", bound=OTHER),
     Host(name="mjlab, explicit", run=mjlab_explicit, needs="mjlab", bound=SAME),
     Host(name="mjlab, bound", run=mjlab_bound, needs="mjlab", bound=SAME),
 )
@@ -350,11 +426,11 @@ def difference(got: Trace, wanted: Trace, qd: np.ndarray) -> float:
     """Largest difference of what a host gives, as a share of the largest torque; NaN counts as infinite."""
     assert wanted.torque is not None
     expected = {"torque": wanted.torque, "effort": -np.sign(qd) * np.abs(wanted.torque), "bound": wanted.bound}
-    worst = 0.0
+    worst, scale = 0.0, float(np.abs(wanted.torque).max())
     for name, value in expected.items():
         if (found := getattr(got, name)) is not None:
             assert value is not None
-            gap = float(np.abs(found - value).max()) / float(np.abs(value).max())
+            gap = float(np.abs(found - value).max()) / scale
             worst = max(worst, gap) if np.isfinite(gap) else float("inf")
     return worst
 
@@ -391,7 +467,7 @@ def main() -> None:
     out: Path = parser.parse_args().out
     before: dict[str, Any] = json.loads(out.read_text(encoding="utf-8")) if out.is_file() else {}
     cases = rows(every=True)
-    found = measured([host for host in HOSTS if host.here], cases)
+    found = measured([host for host in HOSTS if not host.missing], cases)
     table = {row: {**before.get("rows", {}).get(row, {}), **found[row]} for row in cases}
     bounds = {host.name: host.bound for host in HOSTS}
     count = {row: len(members) for row, members in cases.items()}

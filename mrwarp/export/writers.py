@@ -178,11 +178,15 @@ class Joints:
 
     def __init__(self, num=1):
         self.num = num
-        self.reset()
+        self.joints = [Joint() for _ in range(num)]
 
     def reset(self):
-        """All at rest, without current and stress."""
-        self.joints = [Joint() for _ in range(self.num)]
+        """All at rest, without current and stress; the session, over which devices wear, goes on."""
+        for joint in self.joints:
+            steps = getattr(joint, "steps", 0)
+            joint.__init__()
+            if steps:
+                joint.steps = steps
 
     def step(self, q, qd, current):
         """Torque [N*m] of the step that begins in this state, shape (N,); each argument (N,) or one number."""

@@ -408,7 +408,24 @@ def _strengths(found: Results) -> str:
     return _table(list(table["head"]), rows)
 
 
+HOSTS = Path("docs/results/hosts.json")
+"""Committed figures of ``python -m benchmarks.hosts``."""
+
+
+def _hosts(_: Results) -> str:
+    """Largest difference of each host from JointBatch, by laws and effects."""
+    content = read_json_file(ROOT / HOSTS, "run 'python -m benchmarks.hosts'")
+    hosts: dict[str, float] = content["bounds"]
+    rows = []
+    for row, found in content["rows"].items():
+        cells = ["–" if name not in found else f"{found[name]:.0e}" if found[name] else "0" for name in hosts]
+        rows.append([f"{row} ({content['cases'][row]})", *cells])
+    rows.append(["**bound**", *(f"{bound:.0e}" for bound in hosts.values())])
+    return _table(["device (motions)", *hosts], rows)
+
+
 BLOCKS: dict[str, Callable[[Results], str]] = {
+    "hosts": _hosts,
     "whole": _whole,
     "claims": _claims,
     "readme": _readme,

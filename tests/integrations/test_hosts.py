@@ -17,6 +17,7 @@ from benchmarks import hosts
 from benchmarks.hosts import HOSTS, Host
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.joint_batch import JointBatch
+from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS
 from mrwarp.enums import BackendKind, Coupling
 from mrwarp.model_file import save_model
 from mrwarp.mujoco import Brake
@@ -25,23 +26,19 @@ from mrwarp.params import MrParams
 SHARES = [pytest.param(host, id=host.name.replace("`", "")) for host in HOSTS]
 
 
-def needed(module: str, host: str) -> None:
-    """Skip where a host cannot be imported."""
-    pytest.importorskip(module, reason=f"{host} needs {module}; mjlab has an environment of its own: make test-mjlab")
-
-
 def test_the_matrix_has_every_law() -> None:
     """A law that joins the list joins the matrix."""
-    assert set(hosts.NUMBERS) == {"bouc_wen", *hosts.HYSTERESIS}
+    assert set(hosts.NUMBERS) == {"bouc_wen", *HYSTERESIS}
     assert {name for names in hosts.GROUPS.values() for name in names} == set(hosts.STRENGTHS)
-    assert all(hosts.CATALOGUE[name].kind == "mechanism" for name in hosts.STRENGTHS)
+    assert all(CATALOGUE[name].kind == "mechanism" for name in hosts.STRENGTHS)
 
 
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["some", "every"])
 @pytest.mark.parametrize("host", SHARES)
 def test_a_host_gives_the_torque_of_joint_batch(host: Host, every: bool) -> None:
     """Along motions that reverse, rest and are reset in the middle, within the bound that the page states."""
-    needed(host.needs, host.name)
+    if host.missing:
+        pytest.skip(f"{host.name} needs {host.missing}; mjlab has an environment of its own: make test-mjlab")
     for row, gaps in hosts.measured([host], hosts.rows(every=every)).items():
         assert gaps[host.name] <= host.bound, row
 
@@ -50,6 +47,7 @@ def test_a_difference_is_seen() -> None:
     """Another neutral angle, which is no number of a device, and a NaN."""
     one = hosts.case("bouc_wen", ("cogging",), 0.005)
     wanted = hosts.joint_batch(one)
+    assert wanted.bound is not None
     other = hosts.joint_batch(replace(one, q=one.q - hosts.NEUTRAL))
     assert hosts.difference(other, wanted, one.qd) > 0.05
     assert hosts.difference(replace(wanted, bound=wanted.bound * np.nan), wanted, one.qd) == np.inf
@@ -178,7 +176,7 @@ def thrown_environment(inertia: float, dt: float, backend: BackendKind | None = 
 
 
 def thrown_warp(inertia: float, dt: float) -> Thrown:
-    """The same on MuJoCo-Warp."""
+    """That joint on MuJoCo-Warp."""
     return thrown_environment(inertia, dt, BackendKind.MJWARP)
 
 
@@ -223,8 +221,8 @@ QUICK = [(0.001, 0.02), (0.01, 0.005), (0.1, 0.01)]
 def test_thrown_joints_are_caught_where_they_turn_round(host: str, inertia: float, dt: float) -> None:
     """All of 20 throws, where the friction and the load stop them but for the motion of one step; no energy appears.
 
-    The joint slides against the load and 0 to 4 N·m of the device. A step at its speed, and one under the load where it
-    turns round within the first step, of which no step before tells, are what its place may differ by.
+    The joint slides against the load and 0 to 4 N·m of the device. Its place may differ by a step at its speed, and by
+    one under the load: where it turns round within the first step, no step before shows its acceleration.
     """
     run = THROWN[host](inertia, dt)
     assert (np.abs(run.qd[-1]) < 3e-4).all()

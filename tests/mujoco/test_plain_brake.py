@@ -104,7 +104,8 @@ def test_a_current_that_is_none_is_refused_and_a_negative_one_holds() -> None:
     assert model.dof_frictionloss[0] == before > 1.0
 
 
-LOADED = """<mujoco><compiler angle="radian"/><option timestep="{dt}"/><worldbody><geom type="plane" size="9 9 1" pos="0 0 -3"/>{arms}
+LOADED = """<mujoco><compiler angle="radian"/><option timestep="{dt}"/><worldbody>
+<geom type="plane" size="9 9 1" pos="0 0 -3"/>{arms}
 <body name="free" pos="0 0 -2.95"><freejoint/><geom size="0.06" mass="1"/></body>
 <body pos="0 3 0"><joint name="lead" axis="0 1 0"/><geom size="0.05" pos="0.1 0 0" mass="0.2"/></body>
 <body pos="0 4 0"><joint name="follower" axis="0 1 0" damping="0.1"/><geom size="0.05" pos="0.1 0 0" mass="0.2"/></body>
