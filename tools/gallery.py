@@ -62,6 +62,14 @@ PICTURES = {
         made="walk.png",
         shows=("policies/energy/mr_go_sal_seed0.onnx", ROBOT, *DRAWN),
     ),
+    "numbers.png": Picture(
+        commands=("device show paper --png numbers.png",),
+        made="numbers.png",
+        shows=(
+            *("mrwarp/devices/number_picture.py", "mrwarp/params.py", "mrwarp/kernels/bouc_wen.py"),
+            *("mrwarp/kernels/brake.py", "models/devices/paper/model.json"),
+        ),
+    ),
     "diagnosis.png": Picture(
         commands=("bench --only coil_lag=0.012 --out bench", "diagnose joint bench/fit --out found"),
         made="found/pictures/loops.png",

@@ -11,7 +11,7 @@ from tyro.conf import Positional
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import DEVICES
-from mrwarp.run_dir import check_writable, write_text
+from mrwarp.run_dir import check_output, check_writable, write_text
 from mrwarp.runtime import drawing, quiet_libraries, text_table
 
 Name = Positional[Annotated[str, opt.one(str, "NAME")]]
@@ -39,14 +39,23 @@ class ShowDevice(Options):
     engines: ClassVar[bool] = False
     name: Name
     """device of 'mrwarp device list'"""
+    png: opt.OptionalFile = None
+    """save a picture: the loop with less and more of each number of eqs. 14, 15 and 18"""
 
     def run(self, line: CommandLine) -> int:
         """0 when it is shown, 2 when there is none of this name."""
         from mrwarp.devices.entry import lines, load_device, numbers
 
+        check_output(self.png, ".png")
+
         device = load_device(self.name)
         table = text_table(("number", "value", "95 % interval"), numbers(device.model))
         print("\n".join([*lines(device), "", *table]))
+        if self.png:
+            quiet_libraries(gpu=False, networks=False)
+            from mrwarp.devices.number_picture import number_picture
+
+            print(f"\npicture: {number_picture(device.model, self.png, self.name)}")
         return 0
 
 
@@ -126,7 +135,7 @@ class ExportDevice(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class DevicePage(Options):
-    """Write docs/devices.md and docs/devices from the library, in a checkout."""
+    """Write docs/devices.md and docs/devices from the library, and the numbers of docs/equations.md, in a checkout."""
 
     engines: ClassVar[bool] = False
     only_check: opt.Flag = False
@@ -134,12 +143,14 @@ class DevicePage(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 written or equal, 1 when it differs under ``--only-check``, 2 outside of a checkout."""
-        from mrwarp.devices.device_page import FOLDER, PAGE, PICTURES, ROOT, pages_of
+        from mrwarp.devices.device_page import EQUATIONS, FOLDER, PAGE, PICTURES, ROOT, pages_of, with_numbers
         from mrwarp.resources import device_names
 
         if not (ROOT / "docs").is_dir():
             raise ValueError(f"{ROOT}: has no docs; run it in a checkout")
         texts = {ROOT / path: text for path, text in pages_of(DEVICES).items()}
+        equations = ROOT / EQUATIONS
+        texts[equations] = with_numbers(equations.read_text("utf-8"))
         missing = [name for name in device_names() if not (ROOT / PICTURES / f"{name}.png").is_file()]
         for name in missing:
             print(f"{PICTURES / name}.png: missing; run mrwarp device make {name}")
@@ -149,7 +160,7 @@ class DevicePage(Options):
                 path.unlink()
             for path, text in texts.items():
                 write_text(path, text)
-            print(f"{PAGE} and {len(texts) - 1} pages in {FOLDER}: written")
+            print(f"{PAGE}, {len(texts) - 2} pages in {FOLDER} and the numbers of {EQUATIONS}: written")
             return 0
         differing = [path for path, text in texts.items() if not path.is_file() or path.read_text("utf-8") != text]
         for path in [*differing, *stale]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import mrwarp
 from mrwarp.devices.entry import Device, facts, library, numbers, overview
+from mrwarp.params import MrParams
 
 ROOT = Path(mrwarp.__file__).parents[1]
 """The checkout."""
@@ -19,6 +20,12 @@ FOLDER = Path("docs/devices")
 
 PICTURES = Path("docs/images/devices")
 """Pictures of the devices, in the checkout."""
+
+EQUATIONS = Path("docs/equations.md")
+"""The page of the equations, whose table of numbers follows from :mod:`mrwarp.params`, in the checkout."""
+
+IN_EQUATIONS = ("BoucWenParams", "HoldParams", "GateParams", "MotorParams", "CoilParams")
+"""Groups of numbers in the order of the table."""
 
 _HEAD = """# Identified devices
 
@@ -46,6 +53,19 @@ def pages(devices: list[Device]) -> dict[Path, str]:
 def pages_of(folder: Path) -> dict[Path, str]:
     """The pages of a library."""
     return pages(library(folder))
+
+
+def with_numbers(page: str) -> str:
+    """A page with the table of all numbers of a joint between its marks ``numbers``."""
+    specs = sorted(MrParams.specs(), key=lambda spec: IN_EQUATIONS.index(spec.group))
+    rows = [
+        (f"`{s.name}`", s.doc.replace("|", "\\|"), s.unit, f"{s.default:.6g}", f"{s.low:g} to {s.high:g}", s.source)
+        for s in specs
+    ]
+    table = "\n".join(_table(("name", "meaning", "unit", "default", "range", "source"), rows))
+    before, begin, rest = page.partition("<!-- numbers -->\n")
+    _, end, after = rest.partition("<!-- /numbers -->")
+    return f"{before}{begin}{table}\n{end}{after}"
 
 
 def _page_of(device: Device) -> str:

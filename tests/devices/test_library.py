@@ -5,13 +5,15 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mrwarp
 from mrwarp.cli import main
-from mrwarp.devices.device_page import PAGE, PICTURES, ROOT, pages_of
+from mrwarp.devices.device_page import EQUATIONS, PAGE, PICTURES, ROOT, pages_of, with_numbers
 from mrwarp.devices.entry import library, lines, load_device, numbers
 from mrwarp.devices.make_entry import PAPER, make_device
+from mrwarp.devices.number_picture import HOLDING, LOOP, around, loop
 from mrwarp.model_file import ModelFileError, load_model
 from mrwarp.options.json_file import JsonFileError
 from mrwarp.params import MrParams
@@ -43,6 +45,30 @@ def test_the_pictures_and_the_page_agree_with_the_files() -> None:
     sizes = {path.stem: path.stat().st_size for path in (ROOT / PICTURES).glob("*.png")}
     assert tuple(sorted(sizes)) == device_names() and max(sizes.values()) < LARGEST_PICTURE
     assert main(["device", "page", "--only-check"]) == 0
+
+
+def test_the_page_of_equations_has_every_number() -> None:
+    """With unit and default from their definitions: names that ``fit`` prints are explained there."""
+    page = (ROOT / EQUATIONS).read_text(encoding="utf-8")
+    assert with_numbers(page) == page
+    for spec in MrParams.specs():
+        assert f"| `{spec.name}` | {spec.doc.replace('|', chr(92) + '|')} | {spec.unit} | {spec.default:.6g} |" in page
+    assert with_numbers("a\n<!-- numbers -->\nold\n<!-- /numbers -->\nb").count("\n") == len(MrParams.specs()) + 5
+
+
+@pytest.mark.parametrize("number", [*LOOP, *HOLDING])
+def test_a_number_is_drawn_with_less_and_more_of_it(number: str) -> None:
+    """Three values that can be, in order, and each changes the curve that its panel shows."""
+    params = MrParams().alone()
+    low, own, high = around(params, number, 2.0)
+    assert low < own < high and own == params.to_dict()[number]
+    variants = [params.replace(**{number: value}) for value in (low, own, high)]
+    if number in HOLDING:
+        curves = [np.array([x.hold.yield_torque(i) for i in (0.3, 0.8, 1.5)]) for x in variants]
+    else:
+        curves = [loop(x, 0.0 if number == "K0" else 1.5)[1] for x in variants]
+    for curve in (curves[0], curves[2]):
+        assert np.abs(curve - curves[1]).max() > 0.03 * np.ptp(curves[1])
 
 
 def test_the_papers_device_is_the_papers() -> None:
