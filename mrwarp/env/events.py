@@ -12,7 +12,7 @@ import warp as wp
 
 from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.env.config.mdp_cfg import RandomizeCfg
-from mrwarp.env.rng import DEVICE, POSE, PUSH, WIDTH, between, draw, place
+from mrwarp.env.rng import DEVICE, POSE, PUSH, between, draw, further, place
 from mrwarp.env.sim import Sim
 from mrwarp.env.state import WalkState, clear_rows
 from mrwarp.kernels.launch import Launch, record, record_per_env
@@ -70,13 +70,13 @@ def begin_episode_kernel(
             qpos_out[env, 2] = qpos_out[env, 2] + height
             qpos_out[env, 3] = 1.0
             for joint in range(joints):
-                spread = between(-JOINT_SPREAD, JOINT_SPREAD, begin, joint)
+                spread = between(-JOINT_SPREAD, JOINT_SPREAD, begin, further(joint))
                 qpos_out[env, q_adr[joint]] = default_q[joint] + spread
                 q_des_out[env, joint] = default_q[joint]
                 tau_motor_out[env, joint] = 0.0
             for k in range(6):
-                qvel_out[env, k] = between(-SPEED_SPREAD, SPEED_SPREAD, begin, joints + k)
-            phase_out[env] = between(0.0, 1.0, begin, joints + 6)
+                qvel_out[env, k] = between(-SPEED_SPREAD, SPEED_SPREAD, begin, further(joints + k))
+            phase_out[env] = between(0.0, 1.0, begin, further(joints + 6))
 
 
 @wp.kernel(enable_backward=False)
@@ -101,7 +101,7 @@ def device_kernel(
             begin = place(key_in, env, DEVICE)
             devices = value_out.shape[1]
             for slot in range(devices):
-                factor = between(low, high, begin, number * devices + slot)
+                factor = between(low, high, begin, further(number * devices + slot))
                 value_out[env, slot] = nominal_in[env, slot] * factor
 
 
@@ -136,7 +136,6 @@ def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor
         origins: Middles of the terrain's tiles [m], shape (levels, kinds, 3); None begins at the world's origin.
     """
     num_envs, model, device = len(s.q), sim.scene.model, sim.device
-    assert s.q.shape[1] + 7 <= WIDTH
     origins = torch.zeros(1, 1, 3) if origins is None else origins
     qpos = wp.zeros((num_envs, model.nq), dtype=float, device=device)
     qvel = wp.zeros((num_envs, model.nv), dtype=float, device=device)
@@ -160,7 +159,6 @@ def draw_devices(s: WalkState, cfg: RandomizeCfg | None, actuator: MrActuator, m
     """
     if cfg is None or not actuator.mr_joints:
         return []
-    assert len(SCALED) * len(actuator.mr_joints) <= WIDTH
     return [
         record_per_env(
             device_kernel,

@@ -9,7 +9,7 @@ import torch
 import warp as wp
 
 from mrwarp.env.config.mdp_cfg import NoiseCfg
-from mrwarp.env.rng import NOISE, WIDTH, between, place
+from mrwarp.env.rng import NOISE, between, place
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record_per_env
 
@@ -143,7 +143,6 @@ def observe(s: WalkState, cfg: NoiseCfg | None, out: tuple[torch.Tensor, torch.T
     friction and added mass, gates and coil currents.
     """
     noise = cfg or NoiseCfg(gyro=0.0, gravity=0.0, q=0.0, qd=0.0)
-    assert 6 + 2 * s.q.shape[1] <= WIDTH
     return record_per_env(
         observe_kernel,
         len(s.q),

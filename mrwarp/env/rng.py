@@ -16,7 +16,15 @@ PUSH, COMMAND, POSE, DEVICE, LEVEL, NOISE = range(6)
 """Purposes of random draws: kicks, commands, poses and phases, devices, terrain levels, observation noise."""
 
 WIDTH = 64
-"""Most numbers that one environment draws of a kind in a policy step."""
+"""Numbers that one environment draws of a kind in a policy step; NOISE, the last kind, has three times as many, POSE
+and DEVICE have further ones, see :func:`further`."""
+
+MOST_JOINTS = 64
+"""Most driven joints of a robot, for which all of these suffice: NOISE takes 134, POSE 71, DEVICE 256."""
+
+_FURTHER = wp.constant(5 * WIDTH)
+"""How far behind a kind's numbers its further ones begin: POSE's in the ninth row of numbers, DEVICE's from the tenth
+on, where no kind is."""
 
 SEED, STEP = range(2)
 """Entries of the key that the draws follow from: the environment's seed, and policy steps since its start."""
@@ -50,8 +58,16 @@ def place(key: wp.array[wp.int64], env: int, kind: int) -> wp.uint64:
 
 
 @wp.func
+def further(k: int) -> int:
+    """The k-th number of POSE or of DEVICE, of which there are more than :data:`WIDTH`."""
+    if k < WIDTH:
+        return k
+    return k + _FURTHER
+
+
+@wp.func
 def draw(begin: wp.uint64, k: int) -> float:
-    """The k-th number from a place on, k below :data:`WIDTH`; uniform over [0, 1) in steps of 2^-24."""
+    """The k-th number from a place on, see :data:`WIDTH`; uniform over [0, 1) in steps of 2^-24."""
     bits = mixed(begin + wp.uint64(k) * _GOLDEN) >> wp.uint64(40)
     return float(int(bits)) * 5.9604644775390625e-08
 

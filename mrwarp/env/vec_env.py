@@ -21,7 +21,7 @@ from mrwarp.env import commands, events, gait, observations, rewards, terminatio
 from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.nan_guard import NanGuard
 from mrwarp.env.natural_units import in_natural_units, scales
-from mrwarp.env.rng import first_key
+from mrwarp.env.rng import MOST_JOINTS, first_key
 from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Edit
 from mrwarp.env.state import WalkState
@@ -75,6 +75,10 @@ class WalkEnv(VecEnv):
         self.device = torch.device(cfg.device)
         self.max_episode_length = cfg.episode_steps
         asset, trained = _asset(cfg)
+        if (driven := len(asset.actuators)) > MOST_JOINTS:
+            raise ValueError(
+                f"{asset.path}: {driven} joints are driven; at most {MOST_JOINTS} are simulated: hold some"
+            )
         _check_price(cfg, asset)
         if trained is not None and residual is not None:
             raise ValueError(f"actuator = {cfg.actuator!r} brings a learned torque; give no other residual")

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mrwarp.env.rng import MOST_JOINTS
 from mrwarp.robots.base import check_base
 from mrwarp.robots.chains import (
     GROUND_SHARE,
@@ -37,6 +38,9 @@ HEIGHTS = (0.01, 10.0)
 
 LEVEL = 0.01
 """Largest difference of the soles' heights in the stance [m]."""
+
+OFF_LIMITS = 0.02
+"""How far a joint that bears nothing is from its limits, as a share of their range."""
 
 LEAN = 0.35
 """Largest angle from upright at which the trunk of a keyframe stands [rad]."""
@@ -68,6 +72,11 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     _check_names(robot, choices)
     robot, notes = _prepared(robot, choices)
     driven = [joint for joint in robot.joints if joint.name not in robot.rails]
+    if len(driven) > MOST_JOINTS:
+        raise RobotFileError(
+            f"{robot.path}: {len(driven)} joints are driven; at most {MOST_JOINTS} are simulated: hold those of arms "
+            "and hands with --fix JOINT ..."
+        )
     notes += _limits(robot, driven, choices)
     given = {joint.name: q for joint in driven if (q := chosen(choices.pose, joint.name)) is not None}
     pose = {joint.name: _home(joint) for joint in driven} | given
@@ -256,14 +265,15 @@ def _standing(
     if set(given) == names:
         return legs, [find_foot(robot, leg, given) for leg in legs], dict(given), notes
     feet = [find_foot(robot, leg, stretched) for leg in legs]
-    text = (
-        "the keyframe is no stance, the robot does not stand in it: one was solved; --pose JOINT=RAD changes it"
-        if robot.keyframes
-        else "the file has no keyframe: the stance was solved; --pose JOINT=RAD changes it"
-    )
+    first = {joint.name: _near_zero(joint) for joint in robot.joints} | dict(given)
+    pose, stands = solve_stance(with_soles(robot, feet), legs, feet, first, stretched, given)
+    why = "the keyframe is no stance, the robot does not stand in it" if robot.keyframes else "the file has no keyframe"
+    found = "one was solved" if robot.keyframes else "the stance was solved"
+    if faults := stands.faults:
+        found = f"no stance was found, {', '.join(faults)}"
+    text = f"{why}: {found} ({stands.text}); --pose JOINT=RAD changes it"
     notes.append(Guess(subject=Subject.STANCE, text=text))
-    first = {joint.name: _home(replace(joint, home=None)) for joint in robot.joints} | dict(given)
-    return legs, feet, solve_stance(robot, legs, feet, first, stretched, given), notes
+    return legs, feet, pose, notes
 
 
 def _paths(
@@ -322,6 +332,14 @@ def _check_height(
                 f"{robot.path}: in the stance {body.name} reaches {1e3 * (min(soles.values()) - min(low)):.0f} mm into "
                 f"the ground; give {remedy}"
             )
+
+
+def _near_zero(joint: Joint) -> float:
+    """The angle that is nearest to 0, off the ends of the limits [rad]: 0 is how a file draws its robot."""
+    if joint.limits is None:
+        return 0.0
+    edge = OFF_LIMITS * (joint.limits[1] - joint.limits[0])
+    return float(np.clip(0.0, joint.limits[0] + edge, joint.limits[1] - edge))
 
 
 def _home(joint: Joint) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.env.rng import NOISE, PUSH, WIDTH, draw, first_key, place
+from mrwarp.env.rng import DEVICE, MOST_JOINTS, NOISE, POSE, PUSH, WIDTH, draw, first_key, further, place
 
 MASK = (1 << 64) - 1
 
@@ -79,3 +79,12 @@ def test_no_draw_is_another_one() -> None:
     equal = found.size - len(np.unique(found))
     pairs = found.size**2 / 2 / 2**24
     assert abs(equal - pairs) < 0.05 * pairs  # triples make 2 %; five deviations are 3 %
+
+
+def test_the_largest_robot_draws_no_number_twice() -> None:
+    """Noise of gyro, gravity, angles and rates; pose, velocity and phase; four numbers of a device at each joint."""
+    own = {kind: range(WIDTH) for kind in range(NOISE)} | {NOISE: range(6 + 2 * MOST_JOINTS)}
+    own |= {POSE: range(MOST_JOINTS + 7), DEVICE: range(4 * MOST_JOINTS)}
+    wide = (POSE, DEVICE)
+    counters = [kind * WIDTH + (further(k) if kind in wide else k) for kind, ks in own.items() for k in ks]
+    assert len(set(counters)) == len(counters) and max(counters) < 1024
