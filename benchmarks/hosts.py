@@ -291,8 +291,7 @@ def c_export(case: Case) -> Trace:
     return trace
 
 
-def environment(case: Case) -> Trace:
-    """``MrActuator`` in the simulated robot, whose joint stands at :data:`NEUTRAL`."""
+def _environment(case: Case, coupling: Coupling) -> Trace:
     from benchmarks.verify.rigs import link_scene
     from mrwarp.env.config.sim_cfg import SimCfg
     from mrwarp.env.sim import ActuatedSim
@@ -304,15 +303,27 @@ def environment(case: Case) -> Trace:
     no_feet = replace(MR_GO, legs=(), neutral={joint.joint: NEUTRAL})
     scene = replace(link_scene(mr, dt=case.dt), actuators=(joint,), layout=no_feet)
     cfg = SimCfg(num_envs=1, dt=case.dt)
-    robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=Coupling.CONSTRAINT))
+    robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling))
+    actuator = robot.actuator
 
     def step(q: float, qd: float, current: float) -> dict[str, float]:
         for array, value in ((robot.sim.q, q + NEUTRAL), (robot.sim.qd, qd), (robot.current_e, current)):
             array.fill_(value)
-        robot.actuator.step()
-        return {"torque": robot.actuator.tau_dyn.numpy()[0, 0], "bound": robot.actuator.bound.numpy()[0, 0]}
+        actuator.step()
+        felt = ("effort", actuator.tau) if coupling is Coupling.EXPLICIT else ("bound", actuator.bound)
+        return {"torque": actuator.tau_dyn.numpy()[0, 0], felt[0]: felt[1].numpy()[0, 0]}
 
-    return traced(case, step, robot.actuator.reset)
+    return traced(case, step, actuator.reset)
+
+
+def environment_explicit(case: Case) -> Trace:
+    """``MrActuator`` in the simulated robot, whose joint stands at :data:`NEUTRAL`, as a torque."""
+    return _environment(case, Coupling.EXPLICIT)
+
+
+def environment_bound(case: Case) -> Trace:
+    """``MrActuator`` in the simulated robot, as dry friction."""
+    return _environment(case, Coupling.CONSTRAINT)
 
 
 @dataclass(frozen=True)
@@ -414,7 +425,8 @@ HOSTS = (
     Host(name="`Brake`", run=mujoco_brake, needs="mujoco", bound=SAME),
     Host(name="`DriveMR`, explicit", run=drive_explicit, needs="newton", bound=SAME),
     Host(name="`DriveMR`, bound", run=drive_bound, needs="newton", bound=SAME),
-    Host(name="`MrActuator` in the env", run=environment, needs="mrwarp.env.sim", bound=SHIFTED),
+    Host(name="`MrActuator`, explicit", run=environment_explicit, needs="mrwarp.env.sim", bound=SHIFTED),
+    Host(name="`MrActuator`, bound", run=environment_bound, needs="mrwarp.env.sim", bound=SHIFTED),
     Host(name="exported C", run=c_export, needs="cc", bound=OTHER),
     Host(name="exported NumPy", run=python_export, needs="numpy", bound=OTHER),
     Host(name="mjlab, explicit", run=mjlab_explicit, needs="mjlab", bound=SAME),

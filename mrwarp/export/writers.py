@@ -246,24 +246,37 @@ typedef struct {{
     mjtNum own;   /* dry friction that the joint has without the device [N*m] */
 }} {name}_brake;
 
-/* Makes the joint's dry friction passive in discrete time and adds the rotor. Returns 1, or 0 with nothing changed. */
-static inline int {name}_install({name}_brake *brake, mjModel *m, mjData *d, int joint)
+/* Makes the joint's dry friction passive in discrete time; again in every step, as MuJoCo derives it from the inertia
+ * whenever somebody recomputes constants. */
+static inline void {name}_prepare(const {name}_brake *brake, mjModel *m)
 {{
     const mjtNum impedance = {impedance}, solimp[mjNIMP] = {{{solimp}}};
     const mjtNum dt = m->opt.timestep;
+    m->dof_solref[mjNREF * brake->v] = 2 * dt / impedance;
+    m->dof_solref[mjNREF * brake->v + 1] = 1;
+    memcpy(m->dof_solimp + mjNIMP * brake->v, solimp, sizeof solimp);
+    m->dof_invweight0[brake->v] = {creep} / dt * impedance / (1 - impedance);
+}}
+
+/* Makes the joint a brake and adds the rotor; the pose stays. Returns 1, or 0 with nothing changed. */
+static inline int {name}_install({name}_brake *brake, mjModel *m, const mjData *d, int joint)
+{{
+    const mjtNum dt = m->opt.timestep;
     const int v = m->jnt_dofadr[joint];
+    (void)d;
     if (m->jnt_type[joint] != mjJNT_HINGE || fabs(dt - (mjtNum){NAME}_DT) > 1e-6 * dt)
         return 0;
     memset(brake, 0, sizeof *brake);
     brake->q = m->jnt_qposadr[joint];
     brake->v = v;
     brake->own = m->dof_frictionloss[v];
-    m->dof_armature[v] += (mjtNum){NAME}_INERTIA;
-    mj_setConst(m, d);
-    m->dof_solref[mjNREF * v] = 2 * dt / impedance;
-    m->dof_solref[mjNREF * v + 1] = 1;
-    memcpy(m->dof_solimp + mjNIMP * v, solimp, sizeof solimp);
-    m->dof_invweight0[v] = {creep} / dt * impedance / (1 - impedance);
+    if ({NAME}_INERTIA != 0.0f) {{
+        mjData *scratch = mj_makeData(m);
+        m->dof_armature[v] += (mjtNum){NAME}_INERTIA;
+        mj_setConst(m, scratch);
+        mj_deleteData(scratch);
+    }}
+    {name}_prepare(brake, m);
     if (m->opt.ls_iterations < {iterations})
         m->opt.ls_iterations = {iterations};
     return 1;
@@ -272,6 +285,7 @@ static inline int {name}_install({name}_brake *brake, mjModel *m, mjData *d, int
 /* Returns the device's bound [N*m]; NaN, with the friction as it was, where an input is none. */
 static inline float {name}_apply({name}_brake *brake, mjModel *m, const mjData *d, float current)
 {{
+    {name}_prepare(brake, m);
     {name}_step(&brake->joint, (float)d->qpos[brake->q], (float)d->qvel[brake->v], current);
     if (brake->joint.bound == brake->joint.bound)
         m->dof_frictionloss[brake->v] = brake->own + (mjtNum)brake->joint.bound;

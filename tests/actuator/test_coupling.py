@@ -87,6 +87,21 @@ def test_constraint_coupling_leaves_the_device_to_the_solver():
     np.testing.assert_array_equal(bench.actuator.tau_mr.numpy(), bench.inputs.friction.numpy()[:, CALVES])
 
 
+def test_a_device_without_gates_holds_next_to_a_learned_torque_too():
+    """Slow joints get the yield torque, those that slide the learned torque's size."""
+    cfg = MrActuatorCfg(coupling=Coupling.CONSTRAINT, gated=False)
+    qd, current = np.tile([0.1, 3.0], (6, 3)), np.full(6, 1.0)
+    for residual in (None, Shift()):
+        bench = Bench(6, cfg, residual=residual)
+        bench.step(qd=qd[:, :6], q=-1.5, current_e=current)
+        bound, tau = bench.actuator.bound.numpy()[:, CALVES], abs(bench.actuator.tau_dyn.numpy())
+        held = np.array([abs(qd[0, joint]) < 0.2 for joint in CALVES])
+        # the coil of the second lags
+        most = MrParams().hold.yield_torque(bench.actuator.current.numpy().astype(float))
+        np.testing.assert_allclose(bound, np.where(held, np.maximum(most, tau), tau), rtol=1e-5)
+        assert held.any() and not held.all()
+
+
 def test_constraint_coupling_is_passive_in_discrete_time():
     """Loaded light joints settle for 1 s: the constraint injects nothing, the explicit device does positive work."""
     works = {}

@@ -113,6 +113,22 @@ def test_the_bound_is_the_yield_torque_at_rest_and_the_torque_while_sliding() ->
     np.testing.assert_allclose(joints.bound(), [held, torque[1], -torque[2]], rtol=1e-5)
 
 
+def test_a_joint_that_turns_round_is_held_until_it_stands() -> None:
+    """Before the turn that the last two velocities promise, after it while it slows down, and not while it speeds up."""
+    speeds = [3.0, 2.9, 1.2, -0.8, -0.5, -0.4, -0.9, -1.8, -1.7, 0.1, 2.0, -2.0, -2.1]
+    holds = [0, 0, 1, 1, 1, 1, 0, 0, 0, 1, 0, 1, 0]
+    joints, never = JointBatch(dt=DT), JointBatch(MrParams().replace(eps_hold=0.0), dt=DT)
+    most = MrParams().hold.yield_torque(1.0)
+    for k, (qd, held) in enumerate(zip(speeds, holds, strict=True)):
+        torque = joints.step(0.0, qd, 1.0)
+        assert joints.bound()[0] == pytest.approx(most if held else abs(torque[0]), rel=1e-5), k
+        torque = never.step(0.0, qd, 1.0)
+        assert never.bound()[0] == pytest.approx(abs(torque[0]), rel=1e-5), k
+    joints.reset()
+    joints.step(0.0, 1.0, 1.0)
+    assert joints.bound()[0] < 0.5 * most  # nothing before counts
+
+
 @pytest.mark.parametrize(
     ("changed", "said"), [({"num": 0}, "num = 0 must be at least 1"), ({"dt": float("nan")}, "dt = nan s")]
 )

@@ -228,14 +228,18 @@ def test_the_header_for_mujoco_is_the_brake(tmp_path: Path) -> None:
         text = ARM.format(include="", dt=dt, gravity=-9.81, more='frictionloss="0.1"')
         m = mujoco.MjModel.from_xml_string(text)
         d = mujoco.MjData(m)
+        d.qpos[0] = 0.1
         m.opt.timestep *= 2
         assert library.install(m._address, d._address, 0) == 0 or not exported  # of another step
         m.opt.timestep /= 2
         if exported:
             assert library.install(m._address, d._address, 0) == 1
         brake = None if exported else Brake(m, d, "knee", model)
+        assert d.qpos[0] == 0.1
         path = []
         for k in range(400):
+            if k == 100:
+                mujoco.mj_setConst(m, mujoco.MjData(m))  # somebody recomputes what the brake has set
             current = 0.9 * (k % 100 > 50)
             if brake is None:
                 library.apply(m._address, d._address, current)
