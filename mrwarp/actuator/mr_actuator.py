@@ -129,8 +129,8 @@ class MrActuator:
     Args:
         joints: The joints in the simulator's order; those with ``mr`` parameters carry a device. Length J.
         legs: Column of ``inputs.f_foot`` of each joint, whose load opens the gates; length J. -1: no foot is below the
-            joint, so its device has no gates: the coil gets ``inputs.current_e``, and the brake of a joint that is slow or turns
-            round holds.
+            joint, so its device has no gates: the coil gets ``inputs.current_e``, and a brake holds where it is slow or
+            turns round.
         inputs: Arrays read at each step.
         dt: Torque step [s].
         cfg: Choices of the model.

@@ -114,7 +114,7 @@ def test_the_bound_is_the_yield_torque_at_rest_and_the_torque_while_sliding() ->
 
 
 def test_a_joint_that_turns_round_is_held_until_it_stands() -> None:
-    """Before the turn that the last two velocities promise, after it while it slows down, and not while it speeds up."""
+    """Before a turn that the last velocities promise, after it while it slows down, and not while it speeds up."""
     speeds = [3.0, 2.9, 1.2, -0.8, -0.5, -0.4, -0.9, -1.8, -1.7, 0.1, 2.0, -2.0, -2.1]
     holds = [0, 0, 1, 1, 1, 1, 0, 0, 0, 1, 0, 1, 0]
     joints, never = JointBatch(dt=DT), JointBatch(MrParams().replace(eps_hold=0.0), dt=DT)

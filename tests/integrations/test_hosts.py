@@ -14,6 +14,8 @@ import pytest
 import warp as wp
 
 from benchmarks import hosts
+from benchmarks.host_cases import NEUTRAL, NUMBERS, STRENGTHS, case, device
+from benchmarks.host_rigs import joint_batch, mjlab_arms
 from benchmarks.hosts import HOSTS, Host
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.joint_batch import JointBatch
@@ -28,9 +30,9 @@ SHARES = [pytest.param(host, id=host.name.replace("`", "")) for host in HOSTS]
 
 def test_the_matrix_has_every_law() -> None:
     """A law that joins the list joins the matrix."""
-    assert set(hosts.NUMBERS) == {"bouc_wen", *HYSTERESIS}
-    assert {name for names in hosts.GROUPS.values() for name in names} == set(hosts.STRENGTHS)
-    assert all(CATALOGUE[name].kind == "mechanism" for name in hosts.STRENGTHS)
+    assert set(NUMBERS) == {"bouc_wen", *HYSTERESIS}
+    assert {name for names in hosts.GROUPS.values() for name in names} == set(STRENGTHS)
+    assert all(CATALOGUE[name].kind == "mechanism" for name in STRENGTHS)
 
 
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["some", "every"])
@@ -45,10 +47,10 @@ def test_a_host_gives_the_torque_of_joint_batch(host: Host, every: bool) -> None
 
 def test_a_difference_is_seen() -> None:
     """Another neutral angle, which is no number of a device, and a NaN."""
-    one = hosts.case("bouc_wen", ("cogging",), 0.005)
-    wanted = hosts.joint_batch(one)
+    one = case("bouc_wen", ("cogging",), 0.005)
+    wanted = joint_batch(one)
     assert wanted.bound is not None
-    other = hosts.joint_batch(replace(one, q=one.q - hosts.NEUTRAL))
+    other = joint_batch(replace(one, q=one.q - NEUTRAL))
     assert hosts.difference(other, wanted, one.qd) > 0.05
     assert hosts.difference(replace(wanted, bound=wanted.bound * np.nan), wanted, one.qd) == np.inf
 
@@ -121,7 +123,7 @@ def thrown_drive(inertia: float, dt: float) -> Thrown:
 
     builder = newton.ModelBuilder()
     with TemporaryDirectory() as folder:
-        path = save_model(hosts.device(C=0.0), Path(folder) / "model.json")
+        path = save_model(device(C=0.0), Path(folder) / "model.json")
         for _ in range(20):
             builder.begin_world()
             body = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3) * inertia))
@@ -185,7 +187,7 @@ def thrown_mjlab(inertia: float, dt: float) -> Thrown:
     pytest.importorskip("mjlab", reason="mjlab has an environment of its own: make test-mjlab")
     import torch
 
-    rig = hosts.mjlab_arms(20, dt, inertia=inertia, effort_limit=2.0 * LOAD)
+    rig = mjlab_arms(20, dt, inertia=inertia, effort_limit=2.0 * LOAD)
     robot = rig.scene["robot"]
     robot.write_joint_velocity_to_sim(torch.tensor(SPEEDS, dtype=torch.float)[:, None])
     robot.set_joint_effort_target(torch.full((20, 1), -LOAD))
