@@ -62,12 +62,12 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """What a host gives in each step [N·m], shape (STEPS,); None where it gives no such thing."""
+    """Torques of a host in each step [N·m], shape (STEPS,); None where it gives no such thing."""
 
     torque: np.ndarray | None = None
     """The law's, positive against positive motion, as a bench logs it."""
     effort: np.ndarray | None = None
-    """What an explicit host applies to the joint."""
+    """Torque that an explicit host applies to the joint."""
     bound: np.ndarray | None = None
     """Dry friction that the solver may use."""
 

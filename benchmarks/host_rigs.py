@@ -210,7 +210,7 @@ class MjlabRig:
 
 
 def mjlab_arms(num_envs: int, dt: float, *, inertia: float = 0.1, **cfg: Any) -> MjlabRig:
-    """Arms without weight whose motors give what they are told; ``cfg`` as of ``MrJointActuatorCfg``."""
+    """Arms without weight whose motors give their commanded torque; ``cfg`` as of ``MrJointActuatorCfg``."""
     import mujoco
     from mjlab.entity import EntityArticulationInfoCfg, EntityCfg  # pyright: ignore[reportMissingImports]
     from mjlab.scene import Scene, SceneCfg  # pyright: ignore[reportMissingImports]

@@ -46,7 +46,7 @@ class Host:
 
     @property
     def missing(self) -> str:
-        """What it lacks here, and nothing where it can be run."""
+        """Module or program that it lacks here; empty where it can be run."""
         if self.needs == "cc":
             return "" if rigs.COMPILER else "a C compiler 'cc'"
         try:
@@ -57,14 +57,14 @@ class Host:
 
 
 SAME = 1e-6
-"""The same kernels on the same numbers: rounding of a dozen operations in 32 bits."""
+"""One kernel on the same numbers: rounding of a dozen operations in 32 bits."""
 
 SHIFTED = 1e-4
-"""The same kernels on angles that are stored about another zero, rounded to 1e-7 rad of it; a device that is wound by
+"""One kernel on angles that are stored about another zero, rounded to 1e-7 rad of it; a device that is wound by
 its spring bears some ten N·m/rad, and a step of a law's sign may come a rounding earlier."""
 
 OTHER = 1e-4
-"""The same laws by another compiler, or in 64 bits."""
+"""Those laws by another compiler, or in 64 bits."""
 
 HOSTS = (
     Host(name="`Brake`", run=rigs.mujoco_brake, needs="mujoco", bound=SAME),
