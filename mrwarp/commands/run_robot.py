@@ -194,10 +194,12 @@ class FitDevice(Options):
         model = load_model(self.model) if self.model else None
         layer = fit_device(self.robot, self.joint, model, **self.chosen("scale", "remove", "extrapolate"))
 
+        from mrwarp.env.sim import robot_scene
         from mrwarp.robots.write_robot import save_checked
+        from mrwarp.trials.joint_need import need_lines
 
         quiet_libraries(gpu=False, networks=False)
         asset = save_checked(layer, self.out or self.robot)
-        print("\n".join([*layout_lines(asset), *device_lines(asset.actuators)]))
+        print("\n".join([*layout_lines(asset), *device_lines(asset.actuators), *need_lines(robot_scene(asset))]))
         print(f"robot written: {self.out or self.robot}")
         return 0

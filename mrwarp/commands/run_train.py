@@ -82,6 +82,7 @@ class Train(opt.ViewOptions):
 
     def _train(self, line: CommandLine, ranks: Ranks) -> int:
         from mrwarp.rl.trainer import Trainer
+        from mrwarp.trials.joint_need import need_lines
         from mrwarp.usd.asset import device_lines
         from mrwarp.viewing.live_view import LiveTraining
 
@@ -91,7 +92,8 @@ class Train(opt.ViewOptions):
         trainer = Trainer(cfg, resume=self.resume, start_from=self.start_from, ranks=ranks)
         view = None
         if ranks.main:
-            for text in (*device_lines(trainer.env.sim.scene.actuators), *limited(trainer.env)):
+            scene = trainer.env.sim.scene
+            for text in (*device_lines(scene.actuators), *limited(trainer.env), *need_lines(scene)):
                 print(text, flush=True)
             if self.live or self.rrd or self.connect:
                 view = LiveTraining(trainer.env, rrd=self.rrd, url=self.connect)

@@ -194,9 +194,11 @@ class Walk(EnergyOptions):
             return self._own(line, file)
 
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
+        from mrwarp.env.sim import robot_scene
         from mrwarp.trials import energy_report, walk_pictures
+        from mrwarp.trials.joint_need import chatter, need_lines
         from mrwarp.trials.walk_trials import WalkCfg, walk
-        from mrwarp.trials.walking import device_notes, task_devices
+        from mrwarp.trials.walking import asset_of, device_notes, task_devices
         from mrwarp.usd.asset import not_known
 
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
@@ -211,7 +213,8 @@ class Walk(EnergyOptions):
         if self.calibrate and not energy_report.can_calibrate(cfg):
             conditions = "Go1 at 0.3 and 0.5 m/s with 0 and 3 kg"
             raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
-        for text in device_notes(cfg.env, self.current or 0.0):
+        scene = robot_scene(asset_of(replace(cfg.env, robot="mr_go")))
+        for text in (*device_notes(cfg.env, self.current or 0.0), *need_lines(scene)):
             print(text, flush=True)
         cfg = replace(cfg, current=self.used(task_devices(cfg.env)))
         started, progress = time.perf_counter(), ProgressBar()
@@ -231,7 +234,10 @@ class Walk(EnergyOptions):
             walk_pictures.holding(results, self.out / "holding.png")
         with drawing("torques.png"):
             walk_pictures.distributions(results, self.out / "torques.png")
-        print("\n".join(energy_report.walk_lines(figures)))
+        seen = [float(x.switches.mean()) for x in results if x.switches.size and x.robot == ROBOTS[-1]]
+        often = max(seen, default=0.0)
+        warned = chatter(task_devices(cfg.env), often, cfg.env.gait_frequency)
+        print("\n".join([*energy_report.walk_lines(figures), *([warned] if warned else [])]))
         print(f"\nfigures and pictures in {self.out}")
         return 0 if all(len(result.speed) for result in results) else 1
 
@@ -239,10 +245,12 @@ class Walk(EnergyOptions):
         """Rows for a robot of one's own: with no current, and a third, two thirds and all of --current."""
         from mrwarp.energy.model_numbers import described, read_numbers
         from mrwarp.env.natural_units import scales_of
+        from mrwarp.env.sim import robot_scene
         from mrwarp.rl.policy import OnnxPolicy
         from mrwarp.rl.policy_file import check_robot
         from mrwarp.trials import own_robot
-        from mrwarp.trials.walking import devices_of, limit_note
+        from mrwarp.trials.joint_need import need_lines
+        from mrwarp.trials.walking import asset_of, devices_of, limit_note
         from mrwarp.usd.asset import device_lines, not_known
 
         assert self.policy is not None  # checked
@@ -252,7 +260,8 @@ class Walk(EnergyOptions):
         devices = devices_of(task)
         policy, by = OnnxPolicy(self.policy), scales_of(file)
         electrical = read_numbers(self.numbers, self.set)["electrical"]
-        for text in (*device_lines(devices), *limit_note(devices, self.current or 0.0), own_robot.assumption(by)):
+        said = (*device_lines(devices), *limit_note(devices, self.current or 0.0), own_robot.assumption(by))
+        for text in (*said, *need_lines(robot_scene(asset_of(task)))):
             print(text, flush=True)
         rows, progress, loads = [], ProgressBar(), self.payload or (0.0,)
         try:
@@ -280,7 +289,7 @@ class Walk(EnergyOptions):
         write_result(self.out, figures, seed=self.seed, command=str(line))
         with drawing("cot.png"):
             own_robot.picture(rows, self.out / "cot.png", Path(file).name)
-        print("\n".join(own_robot.lines(rows)))
+        print("\n".join([*own_robot.lines(rows), *own_robot.chattering(rows, task, devices)]))
         print(f"\nfigures and picture in {self.out}")
         return 0 if all(row["trials"] for row in rows) else 1
 

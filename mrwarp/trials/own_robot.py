@@ -12,9 +12,10 @@ import torch
 
 from mrwarp.energy.power import GO1_LIMIT, ElectricalCfg, JointLoad, battery_power, cost_of_transport
 from mrwarp.env.cfg import TaskCfg
-from mrwarp.env.natural_units import Scales
+from mrwarp.env.natural_units import Scales, scales_of
 from mrwarp.runtime import figure_text, panels, text_table
 from mrwarp.trials.energy_report import walked
+from mrwarp.trials.joint_need import chatter
 from mrwarp.trials.power_meter import MotionMeter, PowerMeter
 from mrwarp.trials.statistics import spread
 from mrwarp.trials.walking import Policy, lost_lines, make_env, same_starts
@@ -90,7 +91,8 @@ def walk_currents(
 
     Returns:
         A row per current and speed: ``power`` [W] and its ``parts``, ``cot`` [1], ``speed`` [m/s], ``v_x_rmse``,
-        ``hold`` and ``damping`` shares of time, trials that ``fell`` or were ``late``; spreads are over the trials.
+        ``hold`` and ``damping`` shares of time, ``switches`` of gates [1/s], trials that ``fell`` or were ``late``;
+        spreads are over the trials.
     """
     conditions = [(current, speed) for current in currents for speed in speeds]
     env = make_env(replace(task, payload=payload), len(conditions) * trials, seed)
@@ -138,6 +140,7 @@ def walk_currents(
             "speed": spread(figures["speed"][done]), "v_x_rmse": spread(figures["v_x_rmse"][done]),
             "hold": spread(meter.hold[done].mean(-1)) if meter.hold.size else None,
             "damping": spread(meter.dynamic[done].mean(-1)) if meter.dynamic.size else None,
+            "switches": spread(meter.switches[done].mean(-1)) if meter.switches.size else None,
         })  # fmt: skip
     return rows
 
@@ -176,10 +179,18 @@ def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
             f"{row['payload']:g}", f"{row['command']:g}", f"{row['current']:g} A", cot, power, speed,
             "" if change is None else figure_text(change, "+.1%"),
             "" if row["hold"] is None or not row["trials"] else f"{row['hold']['mean']:.1%}",
+            "" if row["switches"] is None or not row["trials"] else f"{row['switches']['mean']:.3g}/s",
             "  ".join(f"{why} {row[why]}" for why in ("fell", "late") if row[why]),
         ))  # fmt: skip
-    head = ("load", "cmd", "current", "COT", "power", "speed", "COT by SAL", "held", "")
+    head = ("load", "cmd", "current", "COT", "power", "speed", "COT by SAL", "held", "gates", "")
     return [*text_table(head, cells), *lost_lines(rows, PATIENCE)]
+
+
+def chattering(rows: Sequence[dict[str, Any]], task: TaskCfg, devices: Sequence[JointActuator]) -> list[str]:
+    """A warning where the gates switch far more often than the gait asks for, at any current and command."""
+    seen = [row["switches"]["mean"] for row in rows if row["switches"] and row["trials"] and row["current"] > 0.0]
+    by = scales_of(str(task.robot))
+    return [line for line in [chatter(devices, max(seen, default=0.0), task.gait_frequency / by.time)] if line]
 
 
 def picture(rows: Sequence[dict[str, Any]], path: Path, title: str) -> None:

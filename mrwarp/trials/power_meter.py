@@ -69,13 +69,16 @@ class PowerMeter:
         self.on = torch.zeros(count, dtype=torch.bool, device=env.device)
         self._steps = zeros(count)
         self._sums = {name: zeros(count, env.q.shape[1]) for name in ("square", "braking", "speed", "out", "in")}
-        self._sums |= {name: zeros(count, len(self._mr)) for name in ("coil", "friction", "hold", "dynamic")}
+        self._sums |= {
+            name: zeros(count, len(self._mr)) for name in ("coil", "friction", "hold", "dynamic", "switches")
+        }
         self.counts = zeros(count, len(SHOWN), round(2.0 * RANGE / BIN)).float()
         self.stance = zeros(count, len(STANCE), self.counts.shape[2]).float()
         joint = JOINTS.index(JOINT)
         self._slot = self._mr.index(joint) if joint in self._mr else None
         self._load, self._threshold = env.f_foot[:, leg_of(JOINT)], env.view(actuator.param("f_th"))
         self._was_held = torch.zeros_like(self.on)
+        self._gates = torch.zeros_like(self._device["m_hold"])
         env.substep_hooks.append(self.count)
 
     @torch.no_grad()
@@ -99,6 +102,9 @@ class PowerMeter:
             self._sums["coil"] += torch.where(self.on[:, None], coil_loss(device["current"], self._resistance), 0.0)
             self._sums["friction"] += on * (-device["tau_mr"] * self._qd[:, self._mr])
             self._sums["hold"] += on * device["m_hold"]
+            gates = device["m_hold"] + 2.0 * device["m_dyn"]
+            self._sums["switches"] += on * (gates != self._gates)
+            self._gates.copy_(gates)
             # without current the dynamic gate does nothing but keep the drag
             self._sums["dynamic"] += on * device["m_dyn"] * (self._current_e > 0.0).unsqueeze(1)
 
@@ -146,6 +152,11 @@ class PowerMeter:
     def dynamic(self) -> np.ndarray:
         """Share of the counted time with the dynamic gate open and current to use, shape (E, M)."""
         return self._mean("dynamic")
+
+    @property
+    def switches(self) -> np.ndarray:
+        """Times per second that a device's gates opened or closed [1/s], shape (E, M)."""
+        return self._mean("switches") / self._dt
 
     def _mean(self, name: str) -> np.ndarray:
         return (self._sums[name] / self._steps.clamp(min=1.0).unsqueeze(1)).cpu().numpy()

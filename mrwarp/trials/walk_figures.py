@@ -52,6 +52,7 @@ def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> d
         "hold_share": dict(zip(LEGS, map(spread, result.hold.T), strict=False)),
         "hold_mean": spread(result.hold.mean(-1)) if result.hold.size else None,
         "dynamic_share": dict(zip(LEGS, map(spread, result.dynamic.T), strict=False)),
+        "gate_switches": spread(result.switches.mean(-1)) if result.switches.size else None,
         "paper_hold_mean": activation,
         "torque": torques(result),
     }  # fmt: skip

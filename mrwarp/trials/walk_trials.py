@@ -131,6 +131,8 @@ class WalkResult:
     """Share of time with the holding gate open, shape (n, M)."""
     dynamic: np.ndarray
     """Share of time with the dynamic gate open, shape (n, M)."""
+    switches: np.ndarray
+    """Times per second that the gates of a device opened or closed [1/s], shape (n, M)."""
     counts: np.ndarray
     """Distribution of the FR motors' torques, see :class:`mrwarp.trials.power_meter.PowerMeter`, shape (3, bins)."""
     stance: np.ndarray
@@ -274,6 +276,7 @@ class WalkBatch:
                 braking=meter.braking[done],
                 hold=meter.hold[done],
                 dynamic=meter.dynamic[done],
+                switches=meter.switches[done],
                 counts=meter.counts[done].sum(0).cpu().numpy(),
                 stance=meter.stance[done].sum(0).cpu().numpy(),
                 fell=int(fell[rows].sum()),

@@ -17,7 +17,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
 from mrwarp.params import MrParams
 from mrwarp.trials.gait_rules import PostureMeter, broken
-from mrwarp.usd.asset import JointActuator, device_lines, load_robot, with_model
+from mrwarp.usd.asset import JointActuator, RobotAsset, device_lines, load_robot, with_model
 from mrwarp.usd.robot import CALF_COLUMNS, DEFAULT_POSE
 
 PAYLOAD_BODY = "payload"
@@ -129,12 +129,15 @@ def task_devices(cfg: TaskCfg) -> tuple[JointActuator, ...]:
     return devices_of(replace(cfg, robot="mr_go"))
 
 
+def asset_of(cfg: TaskCfg) -> RobotAsset:
+    """The task's robot with its devices."""
+    asset = load_robot(cfg.asset, robot=cfg.robot)
+    return asset if cfg.model is None else with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
+
+
 def devices_of(cfg: TaskCfg) -> tuple[JointActuator, ...]:
     """The joints of the task's robot that carry a device."""
-    asset = load_robot(cfg.asset, robot=cfg.robot)
-    if cfg.model is not None:
-        asset = with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
-    return tuple(actuator for actuator in asset.actuators if actuator.mr is not None)
+    return tuple(actuator for actuator in asset_of(cfg).actuators if actuator.mr is not None)
 
 
 def foreign_device(actuators: Sequence[JointActuator]) -> str:

@@ -64,6 +64,7 @@ def walked(robot: str, payload: float, command: float, trial: np.ndarray = TRIAL
         braking=0.5 * square,
         hold=np.full((n, devices), HOLD[payload, command]) + 0.01 * trial[:, None] % 3,
         dynamic=np.zeros((n, devices)),
+        switches=np.zeros((n, devices)),
         counts=counts,
         stance=stance,
         fell=len(TRIALS) - n - late,
