@@ -71,7 +71,7 @@ INPUTS = {
 }
 """Options that name an input, and what is said where it is not there; ``policy`` is every ``policy_NAME`` too."""
 
-OUTPUTS = ("out", "rrd", "png", "runs", "library", "pictures")
+OUTPUTS = ("out", "rrd", "png", "film", "runs", "library", "pictures")
 """Options that name what is written."""
 
 _POSITIONAL, _FIXED = get_args(Positional[int])[1], get_args(Fixed[int])[1]

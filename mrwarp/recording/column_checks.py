@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -175,6 +176,7 @@ def check_units(table: Table, parts: list[Trajectory], units: Units, turned: boo
     }
     if turned or "q" not in table.columns or max(map(turns, parts)) > TURNS:
         largest.pop("q")  # a rotation: no joint is driven that far, in degrees either, without a turn back
+    _refuse_several(table, largest, units)
     for key in largest.keys() - units.given:
         likely, more = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1], ""
         if key == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all():
@@ -195,6 +197,25 @@ def check_units(table: Table, parts: list[Trajectory], units: Units, turned: boo
             f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
             f"radians; convert it, or declare it in units.json next to the file: {json.dumps(declared)}",
             column=key,
+        )
+
+
+def _refuse_several(table: Table, largest: Mapping[str, float], units: Units) -> None:
+    """Refuse columns that look like other units all at once, so that one declaration mends them.
+
+    Raises:
+        RecordingError: with each column, its likely unit, and one units.json for all.
+    """
+    wrong = {}
+    for key in (key for key in largest if key not in units.given):
+        limit, likely = _PLAUSIBLE.get(units.base(key), (np.inf, ""))
+        if largest[key] > limit:
+            wrong[key] = likely
+    if len(wrong) > 1:
+        each = ", ".join(f"{key} up to {largest[key]:.4g} {units.base(key)} like {wrong[key]}" for key in wrong)
+        raise table.refuse(
+            f"values look like other units: {each}; convert them, or declare all in units.json next to the file: "
+            f'{json.dumps(wrong, ensure_ascii=False)} (if they really are in these units: {{"trust_units": true}})'
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import random
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -430,3 +431,19 @@ def test_the_sign_stays_where_it_says_something(tmp_path: Path, motor: bool) -> 
     found = load_recording(write(tmp_path / "log.csv", data))
     np.testing.assert_allclose(found.trajectories[0].current, data["current"], atol=1e-12)
     assert found.repairs == ()
+
+
+def test_all_units_that_nobody_declared_are_named_at_once(tmp_path: Path) -> None:
+    """One refusal with one units.json, which mends all columns when it is written as it stands."""
+    data, wanted = columns(), load_recording(write(tmp_path / "plain.csv", columns()))
+    (tmp_path / "log").mkdir()
+    scales = {"q": DEG, "qd": DEG, "current": 1e3, "torque": 1e3}
+    file = write(tmp_path / "log" / "run.csv", {name: x * scales.get(name, 1.0) for name, x in data.items()})
+    with pytest.raises(RecordingError, match="q up to .* rad like deg, current up to 1000 A like mA, torque") as told:
+        load_recording(file)
+    declared = re.search(r"next to the file: (\{.*?\})", str(told.value))
+    assert declared is not None
+    (file.parent / "units.json").write_text(declared[1])
+    found = load_recording(file).trajectories[0]
+    for name in ("q", "qd", "current", "torque"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted.trajectories[0], name), atol=1e-9)
