@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import gc
+import itertools
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ from importlib.metadata import version
 from typing import Any
 
 from mrwarp.options.command_line import MODELS, CommandLine, OptionError, parse, renamed_notes, values
-from mrwarp.options.command_table import COMMANDS, Command, Group
+from mrwarp.options.command_table import COMMANDS, GONE, Command, Group
 from mrwarp.options.extras import missing_extra
 from mrwarp.run_dir import FolderError, one_line
 from mrwarp.runtime import closest, exit_code, one_of_several, one_voice, quiet_libraries
@@ -51,10 +52,15 @@ def _main(words: list[str], prog: str) -> int:
         if not words or words[0] in ("-h", "--help"):
             print(_usage(called, entry))
             return 0 if words else 2
+        if gone := GONE.get(called.rpartition(" ")[2], {}).get(words[0]):
+            return _refuse(called, f"{words[0]} is gone; see {gone}", 2)
         if words[0] not in entry.commands:
             hint = closest(words[0], entry.commands)
             return _refuse(called, f"there is no command {words[0]!r}; {hint}see {called} --help", 2)
         called, entry = f"{called} {words[0]}", entry.commands[words.pop(0)]
+    for word in itertools.takewhile(lambda word: not word.startswith("-"), words):
+        if gone := GONE.get(called.rpartition(" ")[2], {}).get(word):
+            return _refuse(called, f"{word} is gone; see {gone}", 2)
     for asked, variant in entry.variants.items():
         if words[:1] == [asked[0]] and set(asked) <= set(words):
             called, entry = f"{called} {' '.join(asked)}", variant

@@ -33,12 +33,6 @@ class CurrentCommand(enum.Enum):
     LEARNED = "learned"
 
 
-ARMS = ("none", "off", "fixed", "support", "latched", "scheduled", "learned")
-"""Arms of `mrwarp study current`: no device; a device without current; the gates at the best fixed current, at
-the support current, and at the fixed one with the gates of the last arm; both ways of :class:`CurrentCommand` to
-command one at 50 Hz."""
-
-
 BENCH_PARTS = {
     "inertia": ("rotor_inertia",),
     "gravity": ("gravity",),
@@ -120,6 +114,10 @@ PUBLIC = "public_gains"
 table 4, which the asset's stiffer motors hardly feel. Its soft motors sag, so the trunk's height has the weight
 ``HEIGHT`` of :mod:`paper.study.plan`: with the usual one, one policy of three walks at 0.28 m and misses the gate."""
 
+USUAL_HEIGHT = "public_gains_usual_height"
+"""As :data:`PUBLIC`, with the weight of the trunk's height that all other trainings have: how deep a pushed robot falls
+is that weight's doing."""
+
 EXPLICIT = "mr_go_sal_explicit"
 """MR_Go-SAL whose devices act by the paper's explicit torque (eqs. 6, 19) instead of a brake that sticks; otherwise
 trained as the robots of tables 6 and 7."""
@@ -127,5 +125,5 @@ trained as the robots of tables 6 and 7."""
 PAYING = (*ROBOTS, EXPLICIT)
 """Robots that pay for power and carry loads: those of tables 6 and 7."""
 
-TRAINABLE = (*PLANTS, PUBLIC, *PAYING)
+TRAINABLE = (*PLANTS, PUBLIC, USUAL_HEIGHT, *PAYING)
 """Everything that :func:`paper.study.plan.plant_cfg` knows."""

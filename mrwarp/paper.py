@@ -5,6 +5,8 @@ The only place where they are typed. Spreads are sample standard deviations as t
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 GRAVITY = 9.81
@@ -18,10 +20,20 @@ class PaperValue:
     mean: float
     sd: float | None = None
     """Sample standard deviation; None where the paper gives none."""
+    n: int | None = None
+    """Trials or training seeds that it is over; None where the paper does not say."""
 
 
-def _m(mean: float, sd: float | None = None) -> PaperValue:
-    return PaperValue(mean=mean, sd=sd)
+TRAJECTORIES, SEEDS, IMPACTS, WALKS = 10, 3, 10, 3
+"""Repetitions behind the paper's spreads: unseen trajectories of figure 4 (section 6.1), training seeds of tables 2 and
+3 (section 6.2), impacts of the hardware (section 6.3, table 5), walks and missions (table 6, figure 10)."""
+
+
+def _over(n: int | None) -> Callable[[float, float], PaperValue]:
+    return lambda mean, sd: PaperValue(mean=mean, sd=sd, n=n)
+
+
+_m = _over(TRAJECTORIES)
 
 
 FIGURE_4 = {
@@ -40,6 +52,8 @@ HOLDING_CAPACITY = 26.15
 
 FIGURE_4_REDUCTION = {"bouc_wen": 0.421, "lstm": 0.339, "mlp": 0.571}
 """Reduction of the average RMSE by PG-RLSTM relative to each other model, section 6.1."""
+
+_m = _over(SEEDS)
 
 TABLE_2 = {
     "A": {"v_x_rmse": _m(0.1062, 0.0077), "v_x_bias": _m(0.0779, 0.0122), "height": _m(0.3280, 0.0006)},
@@ -61,6 +75,8 @@ TABLE_3 = {
 }  # fmt: skip
 """By the actuator model in training, at 0.5 m/s: [m/s], [m/s], [m], [deg], [rad/s]."""
 
+_m, _pushed = _over(IMPACTS), _over(None)
+
 TABLE_4 = {
     "hardware": {
         0.0: {"min_height": _m(0.1932, 0.0054), "peak_down_velocity": _m(-0.6626, 0.1647)},
@@ -69,10 +85,10 @@ TABLE_4 = {
         1.5: {"min_height": _m(0.2209, 0.0094), "peak_down_velocity": _m(-0.4279, 0.1008)},
     },
     "simulation": {
-        0.0: {"min_height": _m(0.1851, 0.0011), "peak_down_velocity": _m(-0.7392, 0.0147)},
-        0.5: {"min_height": _m(0.2030, 0.0005), "peak_down_velocity": _m(-0.6600, 0.0046)},
-        1.0: {"min_height": _m(0.2072, 0.0003), "peak_down_velocity": _m(-0.6348, 0.0037)},
-        1.5: {"min_height": _m(0.2124, 0.0009), "peak_down_velocity": _m(-0.5964, 0.0174)},
+        0.0: {"min_height": _pushed(0.1851, 0.0011), "peak_down_velocity": _pushed(-0.7392, 0.0147)},
+        0.5: {"min_height": _pushed(0.2030, 0.0005), "peak_down_velocity": _pushed(-0.6600, 0.0046)},
+        1.0: {"min_height": _pushed(0.2072, 0.0003), "peak_down_velocity": _pushed(-0.6348, 0.0037)},
+        1.5: {"min_height": _pushed(0.2124, 0.0009), "peak_down_velocity": _pushed(-0.5964, 0.0174)},
     },
 }
 """Minimum CoM height [m] and peak downward velocity [m/s] by current [A]."""
@@ -184,6 +200,13 @@ TABLE_6: dict[tuple[str, float, float], CotRow] = {
     for payload, command, speed, cot, sd in rows
 }
 """Cost of transport by robot, payload [kg] and commanded speed [m/s]."""
+
+
+def cot_reduction(payload: float, command: float) -> tuple[float, float]:
+    """Reduction of the cost of transport by SAL against MR_Go [1], and its standard deviation, that of a ratio."""
+    off, on = (TABLE_6[robot, payload, command] for robot in ("mr_go", "mr_go_sal"))
+    return 1.0 - on.cot / off.cot, math.hypot(on.sd / off.cot, off.sd * on.cot / off.cot**2)
+
 
 MEASURED_SPEED = {key: row.speed for key, row in TABLE_6.items()}
 """Mean speed that the paper measured in each row of table 6 [m/s], where it had commanded 0.3 or 0.5 m/s."""

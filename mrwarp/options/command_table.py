@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from mrwarp.options.command_line import Options
 from mrwarp.options.extras import LABORATORY
 
-LABORATORY_COMMANDS = ("run_reproduce", "run_study", "run_beyond")
+LABORATORY_COMMANDS = ("run_reproduce", "run_study")
 """Modules of commands that a checkout has and a wheel has not."""
 
 
@@ -44,19 +44,17 @@ PAGES = Command("run_reproduce:FillPages", "the figures of README and docs, from
 STUDY = {
     "train": Command("run_study:StudyTrain", "train what is not finished; resumable, any number of processes at once"),
     "collect": Command("run_study:Collect", "copy finished policies and their training records into a folder"),
-    "table2": Command("run_study:Table2Options", "conventional and actuator-aware policies, SAL off and on"),
-    "table3": Command("run_study:Table3Options", "torque models in training"),
-    "causes": Command("run_study:Causes", "which part of the plant makes a policy's velocity error"),
-    "quality": Command("run_study:Quality", "whether policies keep the rules of good ones: attitude, sides, slip"),
-    "fig5": Command("run_study:Figure5", "learning curves"),
-    "current": Command("run_beyond:Current", "who should command the coils: fixed, a law, or the policy; resumable"),
-    "ageing": Command("run_beyond:Ageing", "how soon one calibration a day notices a worn device"),
-    "pushes": Command(
-        "run_beyond:Pushes", "pushes from all directions with each current: falls by direction; resumable"
-    ),
-    "limits": Command("run_beyond:Limits", "where holding ends: gait, payload, low gain, coil lag, stance; resumable"),
-    "release": Command("run_beyond:Release", "what a field that stays in the core costs, what a reverse pulse saves"),
 }
+
+GONE = {
+    "study": {
+        **{name: f"mrwarp reproduce {name}" for name in ("table2", "table3", "fig5")},
+        "causes": "a table of 'mrwarp reproduce table2'",
+        **dict.fromkeys(("quality", "current", "ageing", "pushes", "limits", "release"), "docs/beyond.md"),
+    },
+    "reproduce": {"predictions": "docs/beyond.md", "electrical": "a table of 'mrwarp reproduce table6'"},
+}
+"""Where to find what commands of the last version gave, by group or command and the word that asked for it."""
 
 ASSET = {
     "show": Command("run_asset:Show", "joints, gains, MR numbers with unit, default and source, and masses"),
@@ -119,7 +117,7 @@ COMMANDS: dict[str, Command | Group] = {
         "the paper's figures and tables, compared with ours",
         {("fig4", "--train"): FIGURE_4, ("docs",): PAGES},
     ),
-    "study": Group("actuator-aware against conventional training: train the policies, tables 2 and 3", STUDY),
+    "study": Group("train the policies of the paper's tables", STUDY),
     "perf": Command("run_benchmarks:Perf", "what a step costs, part by part, and whether that got worse"),
     "asset": Group("show, check, change and compare USD assets", ASSET),
     "robot": Group("bring a robot of your own, and put devices onto its joints", ROBOT),

@@ -142,6 +142,11 @@ class Saving:
     """``saving`` [W], ``cot_reduction`` and ``cot_reduction_sd`` [1] of table 6; None where it has no such row."""
 
     @property
+    def cell(self) -> tuple[float, float]:
+        """Payload [kg] and commanded speed [m/s]."""
+        return self.payload, self.command
+
+    @property
     def name(self) -> str:
         """Name of the condition."""
         return paper.condition_name(self.payload, self.command)
@@ -188,8 +193,8 @@ def _paper_saving(payload: float, command: float) -> dict[str, float] | None:
     if not all(key in paper.TABLE_6 for key in keys):
         return None
     off, on = (paper.TABLE_6[key] for key in keys)
-    sd = ratio_sd((on.cot, on.sd), (off.cot, off.sd))
-    return {"saving": off.power - on.power, "cot_reduction": 1.0 - on.cot / off.cot, "cot_reduction_sd": sd}
+    reduction, sd = paper.cot_reduction(payload, command)
+    return {"saving": off.power - on.power, "cot_reduction": reduction, "cot_reduction_sd": sd}
 
 
 def sensitivity(

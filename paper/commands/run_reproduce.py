@@ -109,7 +109,6 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
             **self.chosen("rollouts", "impacts", "distance", "window", "seed", "threads"),
             **{name: own(name) or getattr(default, name) for name in ("impacted", "aware", "sticking")},
             policies={robot: own(robot) or default.policies[robot] for robot in ROBOTS},
-            high={robot: every or default.high[robot] for robot in ROBOTS},
         )
 
     def _finish(self, runner: Runner, wanted: list[str], line: CommandLine, seconds: float) -> None:
@@ -123,6 +122,7 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
         found = {
             name: {
                 **{key: getattr(outcome, key) for key in ("status", "seconds", "processor", "message")},
+                **{key: getattr(outcome, key) for key in ("made", "rests_on")},
                 **(asdict(outcome.findings) if outcome.findings else {}),
             }
             for name, outcome in outcomes.items()
@@ -138,13 +138,11 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
 
 @dataclass(frozen=True, kw_only=True)
 class TrainFigure4(Options):
-    """Train and evaluate the models of figure 4 at all strengths of the bench's effects."""
+    """Train and evaluate the models of figure 4; those of ``models/`` are made so."""
 
     out: opt.Folder
     """output folder; a stopped run goes on there"""
-    strengths: Annotated[tuple[float, ...], opt.some(opt.number, "X")] = (1.0, 0.5, 2.0)
-    """factors on the effects"""
-    epochs: opt.Count = 80
+    epochs: opt.Count = 20
     """most epochs per network"""
     windows_per_epoch: opt.Count = 65_536
     """training windows drawn per epoch"""
@@ -156,7 +154,7 @@ class TrainFigure4(Options):
     """seed of the bench and of the training"""
 
     def run(self, line: CommandLine) -> int:
-        """0 when every claim holds at full strength, 1 when one does not, 2 on bad input."""
+        """0 when every claim holds, 1 when one does not, 2 on bad input."""
         check_writable(self.out)
 
         from mrwarp.bench.virtual_bench import BenchCfg
@@ -165,7 +163,7 @@ class TrainFigure4(Options):
 
         bench = BenchCfg(**self.chosen("samples", "trajectories", "seed"))
         recipe = FitCfg(**self.chosen("epochs", "windows_per_epoch", "seed"))
-        result = fig4.train(bench, recipe, self.strengths, self.out)
+        result = fig4.train(bench, recipe, self.out)
         write_result(self.out, result, seed=self.seed, command=str(line))
         for name, holds in result["verdicts"].items():
             print(f"{name:34s} {'holds' if holds else 'MISSED'}")
@@ -174,30 +172,48 @@ class TrainFigure4(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class FillPages(Options):
-    """Fill the figures of README and docs from docs/results/paper.json, in a checkout."""
+    """Fill the figures of README and docs from docs/results/paper.json, in a checkout.
+
+    Below each block stands when and by what code it was made, and "stale" where that has changed since.
+    """
 
     engines: ClassVar[bool] = False
 
     results: Annotated[tuple[Path, ...], opt.some(Path, "DIR")] = ()
     """output folders of reports, whose entries replace those of docs/results/paper.json first"""
     only_check: opt.Flag = False
-    """write nothing; exit code 1 where a page differs"""
-    freeze: opt.Flag = False
-    """write the intervals of 'predictions' into policies/unseen, from docs/results/paper.json; once"""
+    """write nothing; exit code 1 where a page differs, or does not say that its figures are stale"""
+    stale: opt.Flag = False
+    """list the entries whose code, settings or policies have changed since, and how long each takes; write nothing"""
+    rerun: opt.Flag = False
+    """make the stale entries again first, in --out"""
+    out: opt.Folder = Path("runs/report")
+    """folder of --rerun; what is kept there is not made again"""
 
     def run(self, line: CommandLine) -> int:
-        """0 filled or equal, 1 when a page differs under ``--only-check``, 2 on bad input."""
-        from paper.reproduce import pages
+        """0 filled or equal, 1 when a page differs under ``--only-check`` or a rerun failed, 2 on bad input."""
+        from paper.reproduce import age, pages
+        from paper.reproduce.registry import CATALOGUE
+        from paper.reproduce.settings import Settings
 
         if not (pages.ROOT / "docs").is_dir():
             raise ValueError(f"{pages.ROOT}: has no docs; run it in a checkout")
         if self.results:
             print(f"figures in {pages.collect(self.results)}")
-        if self.freeze:
-            from paper.reproduce import predictions
-            from paper.reproduce.verdicts import Results
-
-            print(f"frozen in {predictions.write(Results(pages.read()['parts']))}")
+        parts = pages.read()["parts"]
+        old = age.stale(parts)
+        for name in old:
+            needs = {*CATALOGUE[name].needs, name}
+            seconds = sum(CATALOGUE[need].seconds(Settings()) for need in needs)
+            made = parts.get(name, {}).get("made", "not made")
+            print(f"stale: {name} ({made}), about {duration(seconds)} on two idle cores")
+        if self.stale:
+            return 0
+        if self.rerun and old:
+            again = CommandLine(line.prog.replace(" docs", ""), (*old, "--out", str(self.out)))
+            if code := Reproduce(part=tuple(old), out=self.out).run(again):
+                return code
+            print(f"figures in {pages.collect((self.out,))}")
         differing = pages.fill(check=self.only_check)
         state = "differs; run mrwarp reproduce docs" if self.only_check else "filled"
         for path in differing:

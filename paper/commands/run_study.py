@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
-from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, PUBLIC, RANDOMIZATIONS, TERRAINS, TRAINABLE, Coupling
+from mrwarp.enums import MODELS, PLANTS, RANDOMIZATIONS, TERRAINS, TRAINABLE, Coupling
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
-from mrwarp.options.progress_bar import ProgressBar
-from mrwarp.resources import POLICIES
 from mrwarp.rl.ppo_cfg import PpoCfg
-from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import drawing
+from mrwarp.run_dir import check_writable
 
 if TYPE_CHECKING:
     from paper.study.plan import StudyCfg
-    from paper.study.rollouts import EvaluationCfg
 
 Table = tuple[list[str], dict[str, Any], bool]
 """Printed text, figures, and whether every target is met."""
@@ -103,151 +98,3 @@ class Collect(Trained):
             if failed := matched_training.failed_conditions(policy.with_suffix(".json")):
                 print(f"{policy.stem} did not pass the walking gate: {', '.join(failed)}")
         return 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Figure5(Options):
-    """Learning curves: figure 5."""
-
-    out: opt.Folder = Path("runs/fig5")
-    """output folder"""
-    policies: opt.Folder = POLICIES / "study"
-    """policies and records, by default the shipped ones"""
-    seeds: opt.Seeds = (0, 1, 2, 3, 4)
-    """training seeds"""
-
-    def run(self, line: CommandLine) -> int:
-        """0 done, 2 when a record is missing."""
-        check_writable(self.out)
-
-        from paper.study.matched_training import TITLES, figure5, plot
-
-        found = figure5(self.policies, seeds=self.seeds)
-        for plant, curve in found.items():
-            title = TITLES.get(plant, plant)
-            print(f"{title:20s} reward at the end {curve.mean[-1]:.2f} ± {curve.sd[-1]:.2f} per second")
-        content = {plant: {"update": c.update, "mean": c.mean, "sd": c.sd} for plant, c in found.items()}
-        write_result(self.out, {"curves": content}, seed=self.seeds[0], command=str(line))
-        with drawing("fig5.png"):
-            plot(found, self.out / "fig5.png")
-        print(f"\npicture and figures in {self.out}")
-        return 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Evaluation(Options):
-    """Options shared by the evaluations."""
-
-    same: ClassVar[tuple[str, ...]] = ()
-    """Further options that the evaluation's configuration calls the same."""
-    fixed: ClassVar[dict[str, Any]] = {}
-    """Choices of the evaluation's configuration that are no options."""
-    out: opt.Folder
-    """output folder"""
-    policies: opt.Folder = POLICIES / "study"
-    """policies and records, by default the shipped ones"""
-    rollouts: opt.Count = 3
-    """rollouts per policy"""
-    coupling: Coupling = Coupling.EXPLICIT
-    """how the plant's devices act: the paper's explicit torque, or a brake that sticks"""
-    seed: opt.Seed = 0
-    """seed of poses and gait phases"""
-    seeds: opt.Seeds = (0, 1, 2, 3, 4)
-    """training seeds"""
-    threads: opt.Whole = 0
-    """CPU threads; 0 = all, the figures are the same"""
-
-    def run(self, line: CommandLine) -> int:
-        """0 done, 1 when a target is missed, 2 when a policy is missing."""
-        out = self.out
-        check_writable(out)
-
-        from paper.study.rollouts import EvaluationCfg
-
-        chosen = self.chosen("seeds", "rollouts", "seed", "threads", "coupling", *self.same)
-        cfg = EvaluationCfg(**chosen, **self.fixed, folder=self.policies)
-        progress = ProgressBar()
-        try:
-            lines, figures, met = self._table(cfg, lambda share: progress(line.prog.rpartition(" ")[2], share))
-        finally:
-            progress.done()
-        print("\n".join(lines))
-        write_result(out, {**figures, "evaluation": asdict(cfg)}, seed=self.seed, command=str(line))
-        print(f"\nfigures in {out}")
-        return 0 if met else 1
-
-    def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        raise NotImplementedError  # each table has its own; this is what they share
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table3Options(Evaluation):
-    """Torque models in training: table 3."""
-
-    same = ("plant", "terrain")
-    out: opt.Folder = Path("runs/table3")
-    """output folder"""
-    plant: Model = AWARE
-    """what all walk on"""
-    terrain: Terrain = "flat"
-    """ground that all walk on; rough has 36 tiles, so take as many --rollouts"""
-
-    def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        from paper.study import paper_tables
-
-        table = paper_tables.table3(cfg, report=report)
-        return paper_tables.table3_lines(table), paper_tables.figures(table), True
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table2Options(Table3Options):
-    """Conventional and actuator-aware policies, SAL off and on: table 2."""
-
-    out: opt.Folder = Path("runs/table2")
-    """output folder"""
-    aware: Model = AWARE
-    """aware policies"""
-
-    def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        from paper.study import paper_tables
-
-        table = paper_tables.table2(cfg, aware=self.aware, report=report)
-        lines, met = paper_tables.table2_lines(table)
-        return lines, paper_tables.figures(table), met
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quality(Evaluation):
-    """Whether policies keep the rules of good ones, each on the robot that it was trained for, with all its current."""
-
-    out: opt.Folder = Path("runs/quality")
-    """output folder"""
-    plants: Annotated[tuple[str, ...], opt.some_of(TRAINABLE)] = (*PLANTS, PUBLIC)
-    """trainings"""
-
-    def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        from paper.study import gait_quality
-
-        rows = gait_quality.evaluate(cfg, self.plants, report)
-        lines, kept = gait_quality.lines(rows)
-        return lines, {"policies": rows, "units": gait_quality.UNITS, "rules": asdict(gait_quality.Rules())}, kept
-
-
-@dataclass(frozen=True, kw_only=True)
-class Causes(Evaluation):
-    """Which part of the plant makes a policy's velocity error."""
-
-    fixed = {"plant": "bouc_wen"}
-    out: opt.Folder = Path("runs/causes")
-    """output folder"""
-    plants: Annotated[tuple[str, ...], opt.some_of(PLANTS)] = (CONVENTIONAL, AWARE)
-    """trainings"""
-
-    def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        from paper.study.paper_tables import STEPS, causes, plain_row, row_lines
-        from paper.study.rollouts import METRICS
-
-        found = causes(cfg, self.plants, report)
-        rows = {plant: {step: plain_row(row) for step, row in own.items()} for plant, own in found.items()}
-        lines = [text for own in found.values() for text in row_lines(own)]
-        return lines, {"rows": rows, "steps": STEPS, "units": METRICS}, True

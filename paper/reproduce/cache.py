@@ -14,6 +14,7 @@ import time
 import traceback
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -32,6 +33,15 @@ KEPT = "findings.json"
 
 PACKAGES = ("mrwarp", "paper")
 """Packages whose code an experiment depends on."""
+
+LISTS = ("mrwarp", "paper.reproduce.contents", "paper.reproduce.verdicts")
+"""Modules that name others or judge committed figures: no result depends on them."""
+
+WRITERS = (
+    *("mrwarp.options", "mrwarp.run_dir", "mrwarp.runtime", "mrwarp.viewing", "mrwarp.trials.walk_pictures"),
+    *("paper.reproduce.cache", "paper.reproduce.comparison"),
+)
+"""Packages and modules that read options, write files and draw: a report depends on them, its figures do not."""
 
 T = TypeVar("T")
 Report = Callable[[str, float], None]
@@ -71,17 +81,28 @@ class Experiment:
     """Names of the :class:`Settings` it depends on."""
     files: Callable[[], Sequence[Path]] = tuple
     """Further input files."""
+    loads: tuple[str, ...] = ()
+    """Modules that it loads by their names, where no import shows it; a package stands for all that is in it."""
     seconds: Callable[[Settings], float] = lambda settings: 1.0
     """How long it takes on two idle cores with some settings [s]."""
 
     def key(self, settings: Settings, keys: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-        """Everything that the result depends on, by kind; ``keys`` are those of the experiments that it needs."""
-        return {
-            "code": code_hash(self.compute.__module__),
+        """Everything that the result depends on, by kind; ``keys`` are those of the experiments that it needs.
+
+        Figures depend on ``rests_on`` alone, which is what a committed figure keeps, see :mod:`paper.reproduce.age`.
+        """
+        modules = (self.compute.__module__, *self.loads)
+        rests_on = {
+            "code": code_hash(modules, apart=(*LISTS, *WRITERS)),
             "settings": {name: _content(getattr(settings, name)) for name in self.settings},
             "files": {
                 f"{path.parent.name}/{path.name}": _content(path) for path in (ASSETS / "mr_go.usda", *self.files())
             },
+            "needs": {name: keys[name]["rests_on"] for name in self.needs},
+        }
+        return {
+            "rests_on": _hash(json.dumps(rests_on, sort_keys=True)),
+            "report": code_hash(modules, apart=LISTS),
             "versions": versions(),
             "needs": {name: _hash(json.dumps(keys[name], sort_keys=True)) for name in self.needs},
         }
@@ -99,6 +120,10 @@ class Outcome:
     """Time that it took when it was made [s]."""
     processor: float = 0.0
     """And on all cores together [s], which other programs do not lengthen."""
+    rests_on: str = ""
+    """Hash of what its figures depend on, see :meth:`Experiment.key`."""
+    made: str = ""
+    """Day on which it was made."""
     message: str = ""
     """Why there are no findings."""
 
@@ -169,7 +194,8 @@ class Runner:
             job.report("", 0.0)
             findings = experiment.compute(job)
             seconds, processor = time.perf_counter() - started, time.process_time() - worked
-            content = plain({"key": key, "seconds": seconds, "processor": processor, "findings": asdict(findings)})
+            spent = {"seconds": seconds, "processor": processor, "made": datetime.now(UTC).date().isoformat()}
+            content = plain({"key": key, **spent, "findings": asdict(findings)})
             write_text(folder / KEPT, json.dumps(content, indent=1, allow_nan=False))
         except NotYet as error:
             return Outcome(name=name, status="waiting", message=str(error))
@@ -177,7 +203,7 @@ class Runner:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
             return Outcome(name=name, status="failed", message=one_line(error) or type(error).__name__)
-        return Outcome(name=name, status="made", findings=findings, seconds=seconds, processor=processor)
+        return Outcome(name=name, status="made", findings=findings, rests_on=key["rests_on"], **spent)
 
 
 def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
@@ -187,37 +213,71 @@ def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
         if content["key"] == json.loads(json.dumps(key)):
             findings = typed(content["findings"], Findings)
             seconds, processor = float(content["seconds"]), float(content["processor"])
-            name = path.parent.name
-            return Outcome(name=name, status="kept", findings=findings, seconds=seconds, processor=processor)
+            spent = {"seconds": seconds, "processor": processor, "made": str(content["made"])}
+            return Outcome(name=path.parent.name, status="kept", findings=findings, rests_on=key["rests_on"], **spent)
     except (OSError, LookupError, TypeError, ValueError, RecursionError):
         pass
     return None
 
 
-def code_hash(module: str, root: Path = Path(mrwarp.__file__).parents[1], packages: Collection[str] = PACKAGES) -> str:
-    """Hash of a module and of all that it imports of these packages in ``root``; comments do not count."""
+def code_hash(
+    modules: Sequence[str],
+    root: Path = Path(mrwarp.__file__).parents[1],
+    packages: Collection[str] = PACKAGES,
+    *,
+    apart: Collection[str] = (),
+) -> str:
+    """Hash of modules and of all that they import of these packages in ``root``.
+
+    Comments, layout, docstrings, the claims of an entry and imports for types alone do not count. Modules ``apart``,
+    and what stands in packages of that name, are neither counted nor followed; of "mrwarp" its public names alone.
+    """
     found: dict[str, str] = {}
-    waiting = [module]
+    waiting = [name for module in modules for name in _inside(module, root)]
     while waiting:
         name = waiting.pop()
         path = root.joinpath(*name.split("."))
         path = next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
-        if path is not None and name not in found:
+        left_out = any(name == other or ("." in other and name.startswith(f"{other}.")) for other in apart)
+        if path is not None and name not in found and not left_out:
             found[name], imports = _parse(path)
             waiting += [imported for imported in imports if imported.split(".")[0] in packages]
     return _hash(json.dumps(found, sort_keys=True))
 
 
+def _inside(module: str, root: Path) -> list[str]:
+    """A module, or all modules of a package."""
+    folder = root.joinpath(*module.split("."))
+    inside = sorted(folder.rglob("*.py")) if folder.is_dir() else []
+    return [".".join(path.relative_to(root).with_suffix("").parts) for path in inside] or [module]
+
+
 @lru_cache(maxsize=1024)
 def _parse(path: Path) -> tuple[str, list[str]]:
-    """A module without comments and layout, and the modules that it may import."""
-    tree, imports = ast.parse(path.read_text(encoding="utf-8")), []
+    """A module without what :func:`code_hash` does not count, and the modules that it may import."""
+    tree, imports = _counted(ast.parse(path.read_text(encoding="utf-8"))), []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             imports += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
             imports += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     return _hash(ast.dump(tree)), imports
+
+
+def _counted(tree: ast.Module) -> ast.Module:
+    """A module without docstrings, ``CLAIMS``, and what is imported for types alone."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            node.body = [part for part in node.body if not _says_only(part)]
+    return tree
+
+
+def _says_only(node: ast.stmt) -> bool:
+    if isinstance(node, ast.Expr):
+        return isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    if isinstance(node, ast.If):
+        return isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    return isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["CLAIMS"]
 
 
 def _content(value: Any) -> Any:

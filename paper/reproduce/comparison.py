@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypedDict
@@ -40,12 +39,16 @@ class Comparison:
     """Seeds or trials."""
     seeds: Sequence[float] = ()
     """The figure of each of these, in their order, where they are kept."""
+    error: float = 0.0
+    """Standard error next to that of the seeds: what the calibration leaves open of the fitted numbers."""
+    error_free: int = 0
+    """Degrees of freedom behind it."""
     calibrated: bool = False
     """Whether the paper's figure was used to fit a number of ours."""
     digits: int = 3
     """Digits behind the point."""
     why: str = ""
-    """One sentence on a difference beyond the joint spread."""
+    """One sentence on a difference beyond its interval."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seeds", tuple(self.seeds))
@@ -55,12 +58,13 @@ class Comparison:
         """As the rule of :mod:`paper.reproduce.verdicts` reads it; None where the paper gives no figure."""
         if self.paper is None:
             return None
-        return Figure(paper=self.paper.mean, paper_sd=self.paper.sd, ours=self.ours, sd=self.sd, n=self.n)
+        theirs = {"paper": self.paper.mean, "paper_sd": self.paper.sd, "paper_n": self.paper.n}
+        return Figure(**theirs, **{name: getattr(self, name) for name in ("ours", "sd", "n", "error", "error_free")})
 
     @property
     def differs(self) -> bool:
-        """Whether the difference exceeds the joint spread, or 5 % where the paper states none."""
-        return self.figure is not None and not self.figure.agrees
+        """Whether the difference is larger than its interval, see :meth:`Figure.agrees`."""
+        return self.figure is not None and not self.figure.agrees()
 
 
 def compare(
@@ -78,7 +82,7 @@ def compare(
         condition: What was done.
         quantity: What was measured, its unit, and digits behind the point.
         theirs: The paper's figure; a number has no spread.
-        ours: ``ours``, ``sd``, ``n`` and ``seeds``, see :func:`over_seeds`.
+        ours: ``ours``, ``sd``, ``n`` and ``seeds``, see :func:`paper.reproduce.seeds.over_seeds`, and ``error``.
         why: Why they differ.
         calibrated: Whether the paper's figure was used to fit a number of ours.
     """
@@ -136,33 +140,3 @@ def identified(*claims: tuple[str, str, bool | np.bool_]) -> Identified:
         "claims": {text: bool(holds) for _, text, holds in claims},
         "claim_ids": {name: text for name, text, _ in claims},
     }
-
-
-def seeds_of(trials: np.ndarray, policies: int) -> np.ndarray | None:
-    """Seed of each trial, of which number i was walked by policy ``i % policies``; None with a single policy.
-
-    A single policy's trials are the only repetitions there are. Of several policies one may be all that arrived: its
-    trials are still one seed.
-    """
-    return np.asarray(trials) % policies if policies > 1 else None
-
-
-def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, Any]:
-    """``ours``, ``sd``, ``n`` and ``seeds`` of a :class:`Comparison`; rollouts are averaged within each seed first.
-
-    Section 6.2 does so.
-
-    Args:
-        values: One per rollout; NaN where there is no figure, which counts as no rollout.
-        seeds: Seed of each rollout, see :func:`seeds_of`; None takes every rollout as its own.
-    """
-    values = np.asarray(values, dtype=float)
-    there = ~np.isnan(values)
-    values = values[there]
-    if seeds is not None:
-        seeds = np.asarray(seeds)[there]
-        values = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
-    if not len(values):
-        return {"ours": math.nan, "sd": None, "n": 0, "seeds": ()}
-    sd = float(values.std(ddof=1)) if len(values) > 1 else None
-    return {"ours": float(values.mean()), "sd": sd, "n": len(values), "seeds": tuple(values.tolist())}

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
-
-
-class Mark(enum.Enum):
-    """Knowledge of the paper's figures when ours were made."""
-
-    CALIBRATED = "calibrated"
-    IN_VIEW = "tuned in view"
-    PREDICTED = "predicted"
 
 
 @dataclass(frozen=True)
@@ -22,8 +13,6 @@ class Entry:
     """File in this folder that makes its rows and pictures, ``EXPERIMENTS``, and has its claims, ``CLAIMS``."""
     title: str
     """Heading."""
-    mark: Mark = Mark.IN_VIEW
-    """In view: something was chosen with the paper's figures at hand, see docs/choices.md."""
 
 
 CONTENTS = {
@@ -38,17 +27,11 @@ CONTENTS = {
     "table5": Entry("disturbance.table5", "Table 5: training and SAL under the falling mass"),
     "table6": Entry("table6", "Table 6: cost of transport"),
     "table7": Entry("table7", "Table 7: support activation"),
-    "electrical": Entry("motors.electrical", "Sensitivity of table 6 to the electrical numbers", Mark.PREDICTED),
-    "fig8": Entry("motors.calf_torque", "Figure 8: stance support and torque relief"),
+    "fig8": Entry("fig8", "Figure 8: stance support and torque relief"),
     "fig9": Entry("table6", "Figure 9: cost of transport"),
     "support": Entry("support", "Sections 3.3, 5.2 and 7: the support branch's free numbers, and the fastest speed"),
     "fig10": Entry("missions", "Figure 10: power and state of charge of the mission"),
     "fig11": Entry("missions", "Figure 11: temperatures of the mission"),
-    "predictions": Entry(
-        "predictions",
-        "Frozen before they were run: new training seeds, 5 kg, a gait of 2 Hz, other impacts",
-        Mark.PREDICTED,
-    ),
 }
 """Entries by their names on the command line. A table is its file and a line here."""
 
@@ -57,7 +40,6 @@ SIMULATIONS = {
     "drops": "disturbance.drop_trials",
     "walks": "walks",
     "windows": "missions",
-    "unseen": "predictions",
 }
 """Files of the simulations that several entries read, by name."""
 

@@ -1,7 +1,6 @@
 """Figure 4: RMSE of four torque models on ten unseen trajectories of the virtual bench.
 
-:func:`compute` judges the shipped networks; :func:`train` trains all models again by one recipe, also with the bench's
-effects at other strengths, to show how the ranking depends on them.
+:func:`compute` judges the shipped networks; :func:`train` trains all models again by one recipe.
 """
 
 from __future__ import annotations
@@ -15,12 +14,10 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
 from mrwarp.enums import LstmState, ZStep
 from mrwarp.identify import learn
 from mrwarp.identify.fit import fit
-from mrwarp.identify.replay import simulate
 from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.training import FitCfg, epochs_shown, plot_history
@@ -32,7 +29,7 @@ from mrwarp.run_dir import write_text
 from mrwarp.runtime import drawing, panels
 from mrwarp.trials.walk_pictures import PAPER_MARK
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import Comparison, Findings, TextTable, compare, identified
+from paper.reproduce.comparison import Findings, compare, identified
 from paper.reproduce.settings import (
     PLANT_TITLES,
     networks,
@@ -43,10 +40,7 @@ COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm
 """The models of figure 4, and the colour of each."""
 
 FITTING = (24, 24_000)
-"""Trajectories and samples of the fitting data, on which eq. 13 is fitted; the evaluation does not depend on them."""
-
-SHAPES = tuple((total / (1.0 + ratio), ratio) for total in (2.0, 4.0, 8.0, 16.0, 32.0) for ratio in (-0.6, 0.0, 0.6))
-"""beta [1/rad] and gamma/beta that eq. 13 is fitted with, so that z is bounded by 1/2 to 1/32 rad."""
+"""Trajectories and samples of the fitting data, as few as there can be; the evaluation does not depend on them."""
 
 ON = 0.5
 """Share of the largest current above which it counts as on in figure 3."""
@@ -58,23 +52,20 @@ SECTION = 1600
 def compute(job: Job) -> Findings:
     """Evaluate the shipped networks and their Bouc-Wen model."""
     bench = BenchCfg(trajectories=FITTING[0], samples=FITTING[1])
-    session = run_bench(bench, lambda share, text: job.report("bench", 0.8 * share))
-    data = session.evaluation
+    data = run_bench(bench, lambda share, text: job.report("bench", 0.8 * share)).evaluation
     assert data is not None  # the default records it
     models = {name: network_file.load(path) for name, path in zip(SAMPLES, networks(SAMPLES), strict=True)}
     job.report("networks", 0.8)
     torque = {name: learn.predict(model, data) for name, model in models.items()}
     torque["bouc_wen"] = learn.bouc_wen_torque(data, models["pg_rlstm"].bouc_wen, ZStep.EULER)
     found = {name: learn.summary(learn.errors(torque[name], data)) for name in COLOURS}
-    blind = conventional(session.fit)
-    found_blind = learn.summary(learn.errors(simulate(blind, data, exact=False, substeps=0), data))
     on = figure3(torque, data, job.out / "figure3.png")
     carried = {
         name: learn.summary(learn.errors(learn.predict(models[name], data, lstm_state=LstmState.CARRIED), data))
         for name in ("lstm", "pg_rlstm")
     }
     with drawing("figure4.png"):
-        plot({"1": found}, job.out / "figure4.png")
+        plot(found, job.out / "figure4.png")
     rows = []
     for name in COLOURS:
         for amps, theirs in paper.FIGURE_4[name].items():
@@ -82,18 +73,6 @@ def compute(job: Job) -> Findings:
             ours = {"ours": cell["mean"], "sd": cell["sd"], "n": cell["trajectories"]}
             reason = why(amps, paper.FIGURE_4["bouc_wen"][amps].mean, plain["mean"])
             rows.append(compare(f"{PLANT_TITLES[name]}, {amps:g} A", ("RMSE", "N·m", 3), theirs, ours, reason))
-    rows += [
-        Comparison(
-            condition=f"conventional Bouc-Wen (eq. 13), {amps} A",
-            quantity="RMSE",
-            unit="N·m",
-            paper=None,
-            ours=cell["mean"],
-            sd=cell["sd"],
-            n=cell["trajectories"],
-        )
-        for amps, cell in found_blind["by_current"].items()
-    ]
     verdicts = judge(found)
     averages = " and ".join(
         f"{row['average']:.3f} instead of {found[name]['average']:.3f} N·m ({PLANT_TITLES[name]})"
@@ -127,8 +106,6 @@ def compute(job: Job) -> Findings:
             ),
         ),
         notes=[
-            f"Eq. 13, which does not see the current, leaves {found_blind['average']:.3f} N·m on average, eq. 14 "
-            f"{found['bouc_wen']['average']:.3f}.",
             "Figure 3, while the current is on: "
             + ", ".join(f"{PLANT_TITLES[name]} {value:.3f}" for name, value in on.items())
             + " N·m (RMSE).",
@@ -137,32 +114,11 @@ def compute(job: Job) -> Findings:
             f"on along a trajectory, as the simulation does, the same networks leave {averages} on average.",
         ],
         pictures={
-            "figure4.png": "RMSE by current, marks the paper's; right: averages over the currents",
+            "figure4.png": "RMSE by current, marks the paper's",
             "figure3.png": "Figure 3: an unseen trajectory at 1.2 A; current on where shaded",
         },
-        figures={"models": found, "carried": carried, "conventional": {"parameters": blind, **found_blind}, "on": on},
+        figures={"models": found, "carried": carried, "on": on},
     )
-
-
-def conventional(recording: Recording) -> dict[str, float]:
-    """Eq. 13 fitted to a recording: tau = D + B qd + C q + kappa z, which knows no current.
-
-    A of eq. 13 only scales z and stands at 1; kappa is K0 of eq. 14. For each of :data:`SHAPES` the rest is linear
-    least squares.
-    """
-    q, qd, tau = (
-        np.concatenate([getattr(run, name) for run in recording.trajectories]) for name in ("q", "qd", "torque")
-    )
-    best, least = {}, np.inf
-    for beta, ratio in SHAPES:
-        shape = {"beta": beta, "gamma": ratio * beta}
-        z = np.concatenate(simulate({"K0": 1.0, **shape}, recording, exact=False, substeps=0))
-        columns = np.stack([np.ones_like(q), qd, q, z], axis=1)
-        solution, *_ = np.linalg.lstsq(columns, tau, rcond=None)
-        error = float(np.mean((columns @ solution - tau) ** 2))
-        if error < least:
-            best, least = dict(zip(("D", "B", "C", "K0"), map(float, solution), strict=True)) | shape, error
-    return best
 
 
 def figure3(torque: Mapping[str, Sequence[np.ndarray]], data: Recording, path: Path) -> dict[str, float]:
@@ -216,26 +172,21 @@ def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
     }
 
 
-def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Bars per current and model as in the paper, its values as marks; next to them the averages per strength."""
-    figure, ((left, right),) = panels((11, 4.2), 1, 2, grid="y", width_ratios=(3, 2))
-    first = next(iter(results.values()))
-    currents = list(first["pg_rlstm"]["by_current"])
+def plot(found: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Bars per current and model as in the paper, its values as marks, from a ``learn.summary`` per model."""
+    figure, ((axis,),) = panels((8, 4.2), 1, 1, grid="y")
+    currents = list(found["pg_rlstm"]["by_current"])
     width = 0.8 / len(COLOURS)
     for k, name in enumerate(COLOURS):
         x = np.arange(len(currents)) + (k - 1.5) * width
-        cells = [first[name]["by_current"][amps] for amps in currents]
+        cells = [found[name]["by_current"][amps] for amps in currents]
         means, sds = [c["mean"] for c in cells], [c["sd"] for c in cells]
-        left.bar(x, means, width, yerr=sds, capsize=3, color=COLOURS[name], label=name)
+        axis.bar(x, means, width, yerr=sds, capsize=3, color=COLOURS[name], label=name)
         marks = [cell.mean if (cell := paper.FIGURE_4[name].get(float(amps))) else np.nan for amps in currents]
-        left.plot(x + 0.25 * width, marks, **PAPER_MARK, label="paper" if k == 0 else None)
-        averages = [rows[name]["average"] for rows in results.values()]
-        right.bar(np.arange(len(results)) + (k - 1.5) * width, averages, width, color=COLOURS[name])
-    left.set_xticks(range(len(currents)), [f"{amps} A" for amps in currents])
-    left.set_ylabel("RMSE on ten unseen trajectories [N·m]")
+        axis.plot(x + 0.25 * width, marks, **PAPER_MARK, label="paper" if k == 0 else None)
+    axis.set_xticks(range(len(currents)), [f"{amps} A" for amps in currents])
+    axis.set_ylabel("RMSE on ten unseen trajectories [N·m]")
     figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
-    right.set_xticks(range(len(results)), [f"effects × {name}" for name in results])
-    right.set_ylabel("average RMSE [N·m]")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
 
@@ -245,13 +196,12 @@ def reductions(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     return {name: 1.0 - rows["pg_rlstm"]["average"] / rows[name]["average"] for name in paper.FIGURE_4_REDUCTION}
 
 
-def train(bench: BenchCfg, recipe: FitCfg, strengths: Sequence[float], out: Path) -> dict[str, Any]:
+def train(bench: BenchCfg, recipe: FitCfg, out: Path) -> dict[str, Any]:
     """Train and evaluate all models; each is kept as soon as it is done, so that a stopped run goes on.
 
     Args:
-        bench: The session; its effects are replaced by the default ones times each strength.
+        bench: The session.
         recipe: Of all networks.
-        strengths: Factors on the bench's effects; the first one is judged.
         out: Folder for models, curves and what is needed to go on.
 
     Returns:
@@ -260,53 +210,6 @@ def train(bench: BenchCfg, recipe: FitCfg, strengths: Sequence[float], out: Path
     Raises:
         KeyboardInterrupt: the run was stopped; what is done is kept.
     """
-    results: dict[str, Any] = {}
-    for strength in strengths:
-        session = replace(bench, effects=Effects.defaults(strength))
-        results[f"{strength:g}"] = _one_strength(session, recipe, out / f"strength_{strength:g}")
-        print(f"\neffects times {strength:g}\n{learn.table(results[f'{strength:g}'])}\n", flush=True)
-    with drawing("figure4.png"):
-        plot(results, out / "figure4.png")
-    return {
-        "parts": {"fig4_strengths": {"rows": [], "claims": {}, "tables": [asdict(strength_table(results))]}},
-        "strengths": results,
-        "reductions": {name: reductions(rows) for name, rows in results.items()},
-        "verdicts": judge(results[f"{strengths[0]:g}"]),
-        "paper": {
-            name: {f"{amps:g}": [cell.mean, cell.sd] for amps, cell in rows.items()}
-            for name, rows in paper.FIGURE_4.items()
-        },
-        "recipe": asdict(recipe),
-        "bench": {"samples": bench.samples, "trajectories": bench.trajectories, "seed": bench.seed},
-    }
-
-
-def strength_table(results: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> TextTable:
-    """Average RMSE of each model by the strength of the bench's effects, and by how much PG-RLSTM is below it.
-
-    ``results``: a ``learn.summary`` per model, by strength; the paper's averages are those of its printed rows.
-    """
-    printed = {name: float(np.mean([cell.mean for cell in rows.values()])) for name, rows in paper.FIGURE_4.items()}
-    head = ["effects", *(f"{PLANT_TITLES[name]} [N·m]" for name in COLOURS)]
-    head += [f"below {PLANT_TITLES[name]} [%]" for name in paper.FIGURE_4_REDUCTION]
-    head += ["lowest at each current"]
-
-    def line(text: str, average: Mapping[str, float], lowest: bool) -> list[str]:
-        best = average["pg_rlstm"]
-        cells = [f"{average[name]:.3f}" for name in COLOURS]
-        cells += [f"{100.0 * (1.0 - best / average[name]):.0f}" for name in paper.FIGURE_4_REDUCTION]
-        return [text, *cells, "yes" if lowest else "no"]
-
-    lines = [line("the paper's device", printed, True)]
-    for strength in sorted(results, key=float):
-        rows = results[strength]
-        average = {name: row["average"] for name, row in rows.items()}
-        lines.append(line(f"times {strength}", average, judge(rows)["pg_rlstm_lowest_at_each_current"]))
-    return TextTable(title="Figure 4 by the strength of the bench's effects", head=head, rows=lines)
-
-
-def _one_strength(bench: BenchCfg, recipe: FitCfg, out: Path) -> dict[str, Any]:
-    """A ``learn.summary`` per model; those that were made before by the same choices are read."""
     data: BenchData | None = None
     done: dict[str, dict[str, Any]] = {}
     for name in ("bouc_wen", *SAMPLES):  # the networks start from the fitted law
@@ -322,7 +225,17 @@ def _one_strength(bench: BenchCfg, recipe: FitCfg, out: Path) -> dict[str, Any]:
             kept = {"key": key, **_train(name, data, done.get("bouc_wen", {}).get("bouc_wen"), recipe, out)}
             write_text(path, json.dumps(kept, indent=1))
         done[name] = kept
-    return {name: done[name]["summary"] for name in COLOURS}
+    found = {name: done[name]["summary"] for name in COLOURS}
+    print(f"\n{learn.table(found)}\n", flush=True)
+    with drawing("figure4.png"):
+        plot(found, out / "figure4.png")
+    return {
+        "models": found,
+        "reductions": reductions(found),
+        "verdicts": judge(found),
+        "recipe": asdict(recipe),
+        "bench": {"samples": bench.samples, "trajectories": bench.trajectories, "seed": bench.seed},
+    }
 
 
 def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe: FitCfg, out: Path) -> dict[str, Any]:
@@ -349,7 +262,15 @@ def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe
     return {"summary": learn.summary(errors), "errors": by_current, **made}
 
 
-EXPERIMENTS = (Experiment(name="fig4", compute=compute, files=lambda: networks(SAMPLES), seconds=lambda _: 7.0),)
+EXPERIMENTS = (
+    Experiment(
+        name="fig4",
+        compute=compute,
+        files=lambda: networks(SAMPLES),
+        loads=("mrwarp.effects",),
+        seconds=lambda _: 7.0,
+    ),
+)
 
 CLAIMS = (
     Claim(

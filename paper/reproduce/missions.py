@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.energy.power import BatteryCfg, ElectricalCfg
@@ -20,7 +22,8 @@ from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseLoad, calibrate
 from mrwarp.usd.robot import CALF_COLUMNS
 from paper.reproduce import walks
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import Comparison, Findings, compare, identified, over_seeds
+from paper.reproduce.comparison import Comparison, Findings, compare, identified
+from paper.reproduce.seeds import over_seeds
 from paper.reproduce.settings import ensembles, walks_time
 from paper.reproduce.verdicts import Claim, rows
 from paper.study.plan import POWER_PRICE
@@ -50,6 +53,15 @@ class Mission:
     """Missions of the three robots, and the numbers that Go1's figures fixed."""
 
     traces: dict[str, MissionTrace]
+    figures: dict[str, Any]
+    """By robot, see ``walk_figures.mission_row``."""
+    changes: dict[str, Any]
+    """From MR_Go to MR_Go-SAL, see ``walk_figures.mission_changes``."""
+    errors: dict[tuple[str, ...], float]
+    """Standard error of each figure by what Go1's rows leave open of the electrical numbers: by robot, kind and name,
+    and of the changes by ``change`` and name."""
+    free: int
+    """Degrees of freedom behind these."""
     electrical: ElectricalCfg
     thermal: ThermalCfg
     battery: BatteryCfg
@@ -78,10 +90,21 @@ def read(job: Job) -> Mission:
     phases = job.load("windows", Windows).phases
     walked = walks.read(job)
     fit = walked.calibrated()
-    heat, battery, _ = calibrate(phases["go1"], fit.cfg, ThermalCfg(), BatteryCfg())
+
+    def carried(cfg: ElectricalCfg) -> tuple[dict[str, MissionTrace], ThermalCfg, BatteryCfg]:
+        heat, battery, _ = calibrate(phases["go1"], cfg, ThermalCfg(), BatteryCfg())
+        return {name: run(found, cfg, heat, battery, feedback=False) for name, found in phases.items()}, heat, battery
+
+    traces, heat, battery = carried(fit.cfg)
+    figures, changes, named = _figures(traces)
+    errors = fit.error(lambda cfg: np.array(list(_figures(carried(cfg)[0])[2].values())))
     held = [r for r in walked.both if (r.robot, *r.cell) == ("mr_go_sal", *HELD)]
     return Mission(
-        traces={robot: run(found, fit.cfg, heat, battery, feedback=False) for robot, found in phases.items()},
+        traces=traces,
+        figures=figures,
+        changes=changes,
+        errors=dict(zip(named, errors.tolist(), strict=True)),
+        free=fit.free,
         electrical=fit.cfg,
         thermal=heat,
         battery=battery,
@@ -90,6 +113,20 @@ def read(job: Job) -> Mission:
         held=over_seeds(held[0].hold.mean(-1), walked.seed_of(held[0]))["ours"] if held else math.nan,
         arrivals=arrivals(phases),
     )
+
+
+def _figures(
+    traces: Mapping[str, MissionTrace],
+) -> tuple[dict[str, Any], dict[str, Any], dict[tuple[str, ...], float]]:
+    """Figures of all robots, changes by SAL, and the means of both by what they are."""
+    rows = {robot: walk_figures.mission_row(robot, trace) for robot, trace in traces.items()}
+    changes = walk_figures.mission_changes(rows)
+    named: dict[tuple[str, ...], float] = {}
+    for robot, row in rows.items():
+        for kind in ("power", "rise"):
+            named |= {(robot, kind, name): cell["mean"] for name, cell in row[kind].items()}
+        named[robot, "depletion"] = row["depletion"]["mean"]
+    return rows, changes, named | {("change", name): change["ours"] for name, change in changes.items()}
 
 
 def _loaded(walked: walks.Walks) -> dict[str, tuple[float, float]]:
@@ -118,21 +155,20 @@ def fig10(job: Job) -> Findings:
     """Power per phase, depletion, their changes by SAL, and what the paper's own numbers say of each other."""
     found = read(job)
     rows = []
-    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
     for robot, trace in found.traces.items():
         name = paper.NAMES[robot]
         for phase, values in trace.power.items():
-            cell, quantity = figures[robot]["power"][phase], ("power", "W", 1)
-            standing = phase == "standby"
+            cell, standing = found.figures[robot]["power"][phase], phase == "standby"
             why = _standing(found, cell["paper"]) if standing else _walking(robot, found, phase)
-            ours = over_seeds(values[:1] if standing else values)  # a robot stands once, for all seeds
-            row = compare(f"{name}, {phase}", quantity, cell["paper"], ours, why, calibrated=cell["calibrated"])
+            ours = _with_error(found, values[:1] if standing else values, robot, "power", phase)  # stands for all seeds
+            row = compare(
+                f"{name}, {phase}", ("power", "W", 1), cell["paper"], ours, why, calibrated=cell["calibrated"]
+            )
             rows.append(row)
-        cell, quantity = figures[robot]["depletion"], ("depletion", "points", 1)
-        theirs = PaperValue(mean=cell["paper"], sd=cell["paper_sd"])
-        ours, why = over_seeds(trace.depletion), _depletion(robot, found)
-        rows.append(compare(name, quantity, theirs, ours, why, calibrated=cell["calibrated"]))
-    changes = walk_figures.mission_changes(figures)
+        cell = found.figures[robot]["depletion"]
+        theirs = PaperValue(mean=cell["paper"], sd=cell["paper_sd"], n=paper.WALKS)
+        ours, why = _with_error(found, trace.depletion, robot, "depletion"), _depletion(robot, found)
+        rows.append(compare(name, ("depletion", "points", 1), theirs, ours, why, calibrated=cell["calibrated"]))
     check = consistency.check()
     first = check["by_speed"][0]
     for name in ("outbound_power", "return_power", "depletion"):
@@ -142,10 +178,10 @@ def fig10(job: Job) -> Findings:
             if name == "depletion"
             else _walking("mr_go_sal", found, name.removesuffix("_power"))
         )
-        rows.append(change_row(found, changes[name], name.replace("_", " "), "change", why))
+        rows.append(change_row(found, name, name.replace("_", " "), "change", why))
     with drawing("power.png"):
         walk_pictures.mission_power(found.traces, job.out / "power.png")
-    depletion = changes["depletion"]
+    depletion = found.changes["depletion"]
     return Findings(
         rows=rows,
         **identified(
@@ -156,36 +192,27 @@ def fig10(job: Job) -> Findings:
                 depletion["ours"] <= depletion["paper"],
             ),
         ),
-        notes=[
-            *found.arrivals,
-            f"The paper's own numbers: SAL walks on {check['walking_power_ratio']:.3f} of MR_Go's power, so at equal "
-            f"speeds on {first['energy_ratio']:.3f} of its energy, but depletes {check['depletion_ratio']:.3f} of its "
-            f"charge ({first['deviation_in_sd']:.1f} SD off). A walk of MR_Go-SAL at "
-            f"{first['reconciled_by']['sal_speed']:.2f} m/s would reconcile them.",
-        ],
+        notes=found.arrivals,
         pictures={"power.png": "Battery power and state of charge over the mission, mean over seeds"},
-        figures={"robots": figures, "changes": changes, "consistency": check},
+        figures={"robots": found.figures, "changes": found.changes, "consistency": check},
     )
 
 
 def fig11(job: Job) -> Findings:
     """Temperature rises per robot, and the relief of the calves by SAL."""
     found = read(job)
-    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
     rows = []
     for robot, trace in found.traces.items():
         for name, title in RISES.items():
-            cell = figures[robot]["rise"][name]
-            ours, why = over_seeds(trace.rise[name]), _rise(robot, name, found)
-            condition = f"{paper.NAMES[robot]}, {title}"
+            cell, ours = found.figures[robot]["rise"][name], _with_error(found, trace.rise[name], robot, "rise", name)
+            condition, why = f"{paper.NAMES[robot]}, {title}", _rise(robot, name, found)
             rows.append(compare(condition, ("rise", "K", 2), cell["paper"], ours, why, calibrated=cell["calibrated"]))
-    changes = walk_figures.mission_changes(figures)
-    relief = changes["calf_walking_rise"]
+    relief = found.changes["calf_walking_rise"]
     whys = {"calf_walking": _relief(found), "all": _rise("mr_go_sal", "all", found)}
     for name, why in whys.items():
-        rows.append(change_row(found, changes[f"{name}_rise"], RISES[name], "change of rise", why))
+        rows.append(change_row(found, f"{name}_rise", RISES[name], "change of rise", why))
     with drawing("temperature.png"):
-        walk_pictures.mission_temperature(found.traces, figures, job.out / "temperature.png")
+        walk_pictures.mission_temperature(found.traces, found.figures, job.out / "temperature.png")
     least = f"SAL lowers the calves' rise while walking by at least {-100.0 * relief['paper']:.1f} %"
     return Findings(
         rows=rows,
@@ -194,7 +221,7 @@ def fig11(job: Job) -> Findings:
             (
                 "held_calves_stay_cool",
                 "held calves do not warm while standing",
-                figures["mr_go_sal"]["rise"]["calf_standby"]["mean"] <= 0.5,
+                found.figures["mr_go_sal"]["rise"]["calf_standby"]["mean"] <= 0.5,
             ),
         ),
         notes=[
@@ -208,19 +235,25 @@ def fig11(job: Job) -> Findings:
             "mission.all_heat": _price(found),
         },
         pictures={"temperature.png": "Motor temperatures over the mission, and rises next to the paper's (diamonds)"},
-        figures={"changes": changes},
+        figures={"changes": found.changes},
     )
 
 
-def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Comparison:
-    """Changes by SAL against MR_Go, of ``walk_figures.mission_changes``; no spread when one repetition is left."""
-    n = min(len(found.traces[robot].depletion) for robot in walks.SAL)
+def _with_error(found: Mission, values: np.ndarray, *named: str) -> dict[str, Any]:
+    """A figure over seeds with its error by the electrical numbers."""
+    return {**over_seeds(values), "error": found.errors[named], "error_free": found.free}
+
+
+def change_row(found: Mission, name: str, title: str, quantity: str, why: str) -> Comparison:
+    """Change by SAL against MR_Go, of ``walk_figures.mission_changes``; no spread when one repetition is left."""
+    change, n = found.changes[name], min(len(found.traces[robot].depletion) for robot in walks.SAL)
     sd = change["paper_sd"]
+    figure = {"ours": 100.0 * change["ours"], "sd": 100.0 * change["sd"] if n > 1 else None, "n": n}
     return compare(
         f"MR_Go to MR_Go-SAL, {title}",
         (quantity, "%", 1),
-        PaperValue(mean=100.0 * change["paper"], sd=None if sd is None else 100.0 * sd),
-        {"ours": 100.0 * change["ours"], "sd": 100.0 * change["sd"] if n > 1 else None, "n": n},
+        PaperValue(mean=100.0 * change["paper"], sd=None if sd is None else 100.0 * sd, n=paper.WALKS),
+        {**figure, "error": 100.0 * found.errors["change", name], "error_free": found.free},
         why,
     )
 

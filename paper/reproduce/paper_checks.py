@@ -160,7 +160,7 @@ def _spring() -> Check:
     row = paper.TABLE_4["simulation"][0.0]
     drop = paper.TABLE_2["D"]["height"].mean - row["min_height"].mean
     bound = undamped_speed(drop)
-    half = math.pi * math.sqrt(paper.MASS["mr_go"] * drop / (2.0 * paper.PUSH_FORCE))
+    half = two_knees.half_period()
     return Check(
         title="Table 4, simulation: the row of 0 A.",
         arithmetic=(

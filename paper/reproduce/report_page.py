@@ -16,10 +16,10 @@ from mrwarp.runtime import text_table
 from paper.reproduce import pages, verdicts
 from paper.reproduce.cache import Outcome
 from paper.reproduce.comparison import Comparison, Findings
-from paper.reproduce.contents import TITLES, Mark
+from paper.reproduce.contents import TITLES
 from paper.reproduce.registry import CLAIMS
 
-HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")
+HEAD = ("condition", "quantity", "paper", "ours", "difference", "in standard errors", "kind", "why it differs")
 """Columns of the rows' table."""
 
 STATUS = {"made": "", "kept": "", "waiting": "not made yet", "failed": "failed", "not run": "not run"}
@@ -27,10 +27,10 @@ STATUS = {"made": "", "kept": "", "waiting": "not made yet", "failed": "failed",
 
 INTRODUCTION = (
     "Each row has the paper's figure (mean ± SD), ours (mean ± sample SD), and the difference. It is relative to the "
-    "paper's and in units of the joint spread, the root of the two variances' sum (positive: ours is further from 0). "
-    "A row differs if it is off by more than one joint spread, or by more than 5 % where the paper states no spread. "
-    "'Calibrated' rows were used to fit a number of our model. For those 'tuned in view' settings were tuned while "
-    "looking at the paper's rows (docs/choices.md). 'Predicted' is neither."
+    "paper's and in units of the standard error of both (positive: ours is further from 0). A row differs if the "
+    f"difference leaves its {100.0 * verdicts.LEVEL:.0f} % interval; a figure that the paper states without a spread "
+    f"counts as known to {100.0 * verdicts.STATED:.0f} %. 'Calibrated' rows were used to fit a number of our model. "
+    "All others were made with the paper's rows in view (docs/choices.md)."
 )
 """How to read the tables."""
 
@@ -67,16 +67,16 @@ def lines(outcome: Outcome) -> list[str]:
     found = ["", f"{TITLES[outcome.name]}: {outcome.status}{seconds}"]
     if outcome.findings is None:
         return [*found, f"  {outcome.message}".rstrip()]
-    rows = [cells(row, outcome.name)[:-1] for row in outcome.findings.rows]
+    rows = [cells(row)[:-1] for row in outcome.findings.rows]
     if rows:
         found += [f"  {row}" for row in text_table(HEAD[:-1], rows, left=len(rows[0]))]
     return found + [f"  {'holds ' if holds else 'MISSED'}  {text}" for text, holds in outcome.findings.claims.items()]
 
 
-def cells(row: Comparison, part: str = "") -> list[str]:
-    """One row of an entry as text, in the order of :data:`HEAD`."""
+def cells(row: Comparison) -> list[str]:
+    """One row as text, in the order of :data:`HEAD`."""
     figure = row.figure
-    off = (math.nan, math.nan) if figure is None else (100.0 * figure.relative, figure.in_sd)
+    off = (math.nan, math.nan) if figure is None else (100.0 * figure.relative, figure.in_errors)
     theirs = "–" if row.paper is None else _spread(row.paper.mean, row.paper.sd, row.digits)
     ours = _spread(row.ours, row.sd, row.digits) + ("" if row.sd is None else f" (n = {row.n})")
     return [
@@ -86,7 +86,7 @@ def cells(row: Comparison, part: str = "") -> list[str]:
         ours if math.isfinite(row.ours) else "no figure",
         f"{off[0]:+.1f} %" if math.isfinite(off[0]) else "",
         f"{off[1]:+.1f}" if math.isfinite(off[1]) else "",
-        (Mark.CALIBRATED if row.calibrated else verdicts.mark_of(part)).value,
+        "calibrated" if row.calibrated else "",
         row.why if row.differs else "",
     ]
 
@@ -103,10 +103,7 @@ def agreement(rows: Sequence[Comparison]) -> str:
     near = [not row.differs for row in judged if not row.calibrated]
     fitted = len(judged) - len(near)
     calibrated = f"; {fitted} more were used to calibrate" if fitted else ""
-    return (
-        f"{sum(near)} of {len(near)} rows within the joint spread, or {100.0 * verdicts.NEAR:.0f} % where the "
-        f"paper states none{calibrated}"
-    )
+    return f"{sum(near)} of {len(near)} rows do not differ beyond their interval{calibrated}"
 
 
 def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
@@ -119,7 +116,7 @@ def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
         "message": message if outcome.findings is None else "",
         "agreement": agreement(found.rows),
         "claims": list(found.claims.items()),
-        "rows": [cells(row, outcome.name) for row in found.rows],
+        "rows": [cells(row) for row in found.rows],
         "notes": found.notes,
         "tables": [(table.title, table.head, table.rows) for table in found.tables],
         "pictures": [

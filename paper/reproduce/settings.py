@@ -16,7 +16,7 @@ from mrwarp.paper import ROBOTS
 from mrwarp.resources import ENERGY, FIRST_SEEDS, plant_of, policy_file
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.policy_file import read_policy
-from paper.study.plan import AWARE, CONVENTIONAL, HIGH_PRICE, PUBLIC, SEEDS, STUDY
+from paper.study.plan import AWARE, CONVENTIONAL, PUBLIC, SEEDS, STUDY, USUAL_HEIGHT
 
 PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
 """Torque models as the paper writes them."""
@@ -45,6 +45,8 @@ class Settings:
     impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC, SEEDS))
     """Policies of MR_Go-SAL under pushes and falling masses, one per training seed, with the gains of their
     training."""
+    usual_height: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, USUAL_HEIGHT))
+    """As ``impacted``, trained with the weight of the trunk's height that all other trainings have."""
     aware: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, AWARE))
     """Policies of walks without a price on power: the actuator-aware ones of table 2."""
     sticking: tuple[Path, ...] = field(
@@ -52,8 +54,6 @@ class Settings:
     )
     """Policies of MR_Go-SAL's walks on devices that stick (the constraint coupling), trained with them; at most as many
     as of the robots. MR_Go walks next to them with its first ones."""
-    high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE, FIRST_SEEDS))
-    """As ``policies``, trained with the high price on power."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0
@@ -79,10 +79,7 @@ class Settings:
                 f"sticking: {len(self.sticking)} policies, but {self.policy_seeds} for every robot; name at least one "
                 "and at most as many (--policy-sticking)"
             )
-        numbers = {len(self.high.get(robot, ())) for robot in ROBOTS}
-        if len(numbers) > 1 or 0 in numbers:
-            raise ValueError("high: name the same number of policies, at least one, for every robot")
-        for name in ("impacted", "aware"):
+        for name in ("impacted", "usual_height", "aware"):
             if not getattr(self, name):
                 raise ValueError(f"{name}: name at least one policy (--policy-{name})")
         for name, paths in self._named().items():
@@ -94,8 +91,7 @@ class Settings:
     def _named(self) -> dict[str, tuple[Path, ...]]:
         """All policies, by what they are called in a refusal."""
         robots = {f"policies of {robot}": paths for robot, paths in self.policies.items()}
-        high = {f"high, {robot}": paths for robot, paths in self.high.items()}
-        return {**robots, **high, "sticking": self.sticking, "impacted": self.impacted, "aware": self.aware}
+        return {**robots, **{name: getattr(self, name) for name in ("sticking", "impacted", "usual_height", "aware")}}
 
     def files(self) -> tuple[Path, ...]:
         """Every policy that is named, each once."""
@@ -181,7 +177,7 @@ def networks(kinds: Iterable[str]) -> list[Path]:
 TRAININGS = (CONVENTIONAL, AWARE)
 """Plants of tables 2, 4 and 5 and figure 5."""
 
-IMPACTS = ("impacted", "impacts", "seed")
+IMPACTS = ("impacted", "usual_height", "impacts", "seed")
 """Settings that pushes and falling masses depend on."""
 
 

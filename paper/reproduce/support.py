@@ -19,7 +19,8 @@ from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
 from paper.reproduce import walks
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import Findings, TextTable, compare, identified, over_seeds
+from paper.reproduce.comparison import Findings, TextTable, compare, identified
+from paper.reproduce.seeds import over_seeds
 from paper.reproduce.settings import Ensemble, walks_time
 from paper.reproduce.verdicts import Claim, rows
 

@@ -11,8 +11,9 @@ from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_trials import WalkResult
 from paper.reproduce import walks
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import CELLS, Comparison, Findings, compare, identified, over_seeds
-from paper.reproduce.table6 import Claimed, of_others, of_sticking
+from paper.reproduce.comparison import CELLS, Comparison, Findings, compare, identified
+from paper.reproduce.seeds import over_seeds
+from paper.reproduce.table6 import Claimed, of_others
 from paper.reproduce.verdicts import Claim, rows
 from paper.reproduce.walks import Walks
 
@@ -29,7 +30,11 @@ def table7(job: Job) -> Findings:
     more, share_sticking, claims_sticking = _activation(walked, "constraint_coupling", stuck)
     return Findings(
         rows=[*rows, *simulated, *more],
-        **identified(*claims, *of_others("commanded", "at 0.3 and 0.5 m/s", nominal), *of_sticking(claims_sticking)),
+        **identified(
+            *claims,
+            *of_others("commanded", "at 0.3 and 0.5 m/s", nominal),
+            *of_others("stuck", "a device that sticks", claims_sticking),
+        ),
         notes=walked.arrivals("both", "as_commanded", "constraint_coupling", robots=("mr_go_sal",)),
         figures={
             name: {paper.condition_name(*cell): value for cell, value in found.items()}

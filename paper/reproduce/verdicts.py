@@ -1,6 +1,7 @@
 """How a claim of the paper fares: its figures next to ours, and the rule that judges them.
 
-Judged from the figures of ``docs/results/paper.json`` alone; nothing is simulated here and no engine is loaded.
+The paper's figures are means with a spread, as ours are: both enter with their standard errors, and a claim's rows are
+tested together. Judged from the figures of ``docs/results/paper.json`` alone; nothing is simulated here.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from paper.reproduce.contents import CONTENTS, Mark
-
-NEAR = 0.05
-"""Relative difference that still agrees where the paper states no spread."""
-
 LEVEL = 0.95
-"""Level of the intervals over training seeds by which a sign or an order is resolved."""
+"""Level of the intervals of all rows of a claim together (Bonferroni): each row's is that much wider."""
+
+STATED = 0.05
+"""Relative standard error of a figure that the paper states without a spread: what a claim on it can mean."""
+
+WIDE = {"effect": 0.5, "level": 0.25}
+"""Half width of a difference, relative to the paper's figure, beyond which agreement says nothing of the size: half of
+an effect is as near to none as to all of it; a level, which nothing compares with zero, is held to half of that."""
 
 MOST_SEEDS = 10_000
 """Seeds beyond which nobody would count them."""
@@ -31,15 +34,34 @@ class Verdict(enum.Enum):
     """How a claim fares."""
 
     REPRODUCED = "reproduced"
+    WORDS = "as the paper says, without a figure"
+    SIGN = "sign agrees, size not resolved"
     DIRECTION = "sign agrees, size does not"
-    UNRESOLVED = "unresolved"
+    UNRESOLVED = "not resolved"
     NOT = "not reproduced"
     CALIBRATED = "calibrated"
     EXCLUDED = "contradicts the paper itself"
 
 
-BY_EFFECT = (Verdict.NOT, Verdict.UNRESOLVED, Verdict.DIRECTION, Verdict.REPRODUCED)
+BY_EFFECT = (*list(Verdict)[5::-1],)
 """Verdicts that are counted by effect, the worst first."""
+
+
+def half_width(parts: Sequence[tuple[float, float]], tests: int = 1) -> float:
+    """Half of the interval of a sum of independent figures at :data:`LEVEL` for so many tests together.
+
+    By Student's t with Welch's and Satterthwaite's degrees of freedom; 0 without any error.
+
+    Args:
+        parts: Standard error and its degrees of freedom, of each part.
+        tests: Tests that share the level (Bonferroni).
+    """
+    variances = [(error**2, free) for error, free in parts if error > 0.0]
+    if not (total := sum(v for v, _ in variances)):
+        return 0.0
+    rest = sum(v**2 / free for v, free in variances)
+    quantile = 1.0 - 0.5 * (1.0 - LEVEL) / tests
+    return float(stats.t.ppf(quantile, total**2 / rest) if rest else stats.norm.ppf(quantile)) * math.sqrt(total)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,65 +70,107 @@ class Figure:
 
     paper: float
     paper_sd: float | None = None
+    paper_n: int | None = None
+    """Repetitions behind the paper's spread; None where it does not say: then the spread stands for the error."""
     ours: float
     sd: float | None = None
     n: int = 1
     """Seeds or trials that ``sd`` is over."""
     seeds: tuple[float, ...] = ()
     """Ours by seed, where it is kept."""
+    error: float = 0.0
+    """Standard error of ours next to that of the seeds, as by fitted numbers."""
+    error_free: int = 0
+    """Degrees of freedom behind it."""
     digits: int = 3
     calibrated: bool = False
 
     @property
-    def agrees(self) -> bool:
-        """Within the joint spread, or 5 % where the paper states none."""
-        if self.paper_sd:
-            return abs(self.in_sd) <= 1.0
-        return abs(self.ours - self.paper) <= NEAR * abs(self.paper)
+    def theirs(self) -> list[tuple[float, float]]:
+        """Standard error of the paper's figure, for :func:`half_width`."""
+        if not self.paper_sd:
+            return [(STATED * abs(self.paper), math.inf)]
+        n = self.paper_n
+        return [(self.paper_sd / math.sqrt(n), n - 1) if n and n > 1 else (self.paper_sd, math.inf)]
+
+    def own(self, n: int | None = None) -> list[tuple[float, float]]:
+        """Standard errors of ours over ``n`` seeds, or those that there are."""
+        n = n or self.n
+        seeds = [(self.sd / math.sqrt(n), float(n - 1))] if self.sd and n > 1 else []
+        return [*seeds, (self.error, float(self.error_free))]
 
     @property
     def relative(self) -> float:
-        """Ours over the paper's, less 1: positive where ours is further from 0, as :attr:`in_sd`; NaN for a 0."""
+        """Ours over the paper's, less 1: positive where ours is further from 0; NaN for a 0."""
         return self.ours / self.paper - 1.0 if self.paper else math.nan
 
     @property
-    def in_sd(self) -> float:
-        """The difference in units of the joint spread, the root of the summed squared spreads.
+    def in_errors(self) -> float:
+        """The difference over the standard error of both, positive where ours is further from 0."""
+        error = math.sqrt(sum(e**2 for e, _ in [*self.theirs, *self.own()]))
+        return math.copysign(1.0, self.paper) * (self.ours - self.paper) / error if error else math.nan
 
-        NaN where the paper states no spread: ours alone is no measure of both.
-        """
-        if not self.paper_sd:
-            return math.nan
-        return math.copysign(1.0, self.paper) * (self.ours - self.paper) / math.hypot(self.paper_sd, self.sd or 0.0)
+    def apart(self, tests: int = 1, n: int | None = None) -> float:
+        """Half width of the difference of both."""
+        return half_width([*self.theirs, *self.own(n)], tests)
+
+    def agrees(self, tests: int = 1) -> bool:
+        """Whether the difference of both is within its interval; a figure that is not there does not agree."""
+        return abs(self.ours - self.paper) <= self.apart(tests)
+
+    def wide(self, kind: str, tests: int = 1) -> bool:
+        """Whether that interval is too wide for agreement to say anything, see :data:`WIDE`."""
+        return self.apart(tests) > WIDE[kind] * abs(self.paper)
 
     def minus(self, other: Figure) -> Figure:
-        """The difference of two figures, seed by seed where both have the same seeds."""
-        paper = self.paper - other.paper
+        """The difference of two figures, seed by seed where both have the same seeds.
+
+        Errors by fitted numbers move both figures together and are left out.
+        """
+        theirs = math.hypot(*(error for figure in (self, other) for error, _ in figure.theirs))
+        frees = {figure.paper_n for figure in (self, other) if figure.paper_sd}
+        n = min((n for n in frees if n), default=None)
+        given = {"paper": self.paper - other.paper, "paper_sd": theirs * math.sqrt(n or 1), "paper_n": n}
         if len(self.seeds) == len(other.seeds) > 1:
             each = np.subtract(self.seeds, other.seeds)
-            return Figure(paper=paper, ours=float(each.mean()), sd=float(each.std(ddof=1)), n=len(each))
-        sd = None if self.sd is other.sd is None else math.hypot(self.sd or 0.0, other.sd or 0.0)
-        return Figure(paper=paper, ours=self.ours - other.ours, sd=sd, n=min(self.n, other.n))
+            return Figure(**given, ours=float(each.mean()), sd=float(each.std(ddof=1)), n=len(each))
+        spread = [figure for figure in (self, other) if figure.sd is not None]
+        sd = math.hypot(*(figure.sd or 0.0 for figure in spread)) if spread else None
+        n = min((figure.n for figure in spread), default=1)
+        return Figure(**given, ours=self.ours - other.ours, sd=sd, n=n)
 
-    def half_width(self, n: int | None = None) -> float:
-        """Half of the interval of ours over ``n`` seeds (those that there are), by Student's t; 0 without a spread."""
-        n = n or self.n
-        return float(stats.t.ppf(0.5 + 0.5 * LEVEL, n - 1)) * self.sd / math.sqrt(n) if self.sd and n > 1 else 0.0
+    @property
+    def one_value(self) -> bool:
+        """Whether ours is a single value whose spread nobody knows."""
+        return self.sd is None and not self.error
 
-    def sign(self) -> Verdict:
+    def stated(self, tests: int = 1) -> bool:
+        """Whether the paper's figure, an effect, is clear of zero by its own spread."""
+        return abs(self.paper) > half_width(self.theirs, tests)
+
+    def sign(self, tests: int = 1) -> Verdict:
         """Whether ours, an effect, has the paper's sign.
 
-        Its interval leaves out zero on the paper's side (*sign agrees, size does not*), holds both zero and the
-        paper's figure (*unresolved*), or leaves out the paper's without being of its sign (*not reproduced*).
+        *Not resolved*: the paper's interval holds zero, ours has no spread, or its interval neither leaves out zero on
+        the paper's side nor the paper's figure, which would be *not reproduced*.
         """
-        half = self.half_width()
-        if self.ours * self.paper > 0.0 and abs(self.ours) > half:
-            return Verdict.DIRECTION
-        return Verdict.UNRESOLVED if abs(self.ours - self.paper) < half else Verdict.NOT
+        if not self.stated(tests) or self.one_value:
+            return Verdict.UNRESOLVED
+        if self.ours * self.paper > 0.0 and abs(self.ours) > half_width(self.own(), tests):
+            return Verdict.SIGN
+        return Verdict.UNRESOLVED if self.agrees(tests) else Verdict.NOT
 
-    def needed(self) -> int:
-        """Seeds whose interval, with the spread of ours, cannot hold both zero and the paper's figure."""
-        counts = (n for n in range(2, MOST_SEEDS) if self.half_width(n) < 0.5 * abs(self.paper))
+    def needed(self, tests: int = 1) -> int | None:
+        """Seeds whose interval, with the spread of ours, cannot hold both zero and the paper's figure.
+
+        None where the paper's own spread decides, or what the seeds do not narrow.
+        """
+        if not self.stated(tests) or self.one_value:
+            return None
+        clear = 0.5 * abs(self.paper)
+        if half_width(self.own(MOST_SEEDS), tests) > clear and self.error:
+            return None
+        counts = (n for n in range(2, MOST_SEEDS) if half_width(self.own(n), tests) < clear)
         return next(counts, MOST_SEEDS)
 
 
@@ -130,9 +194,10 @@ class Results:
         for row in self.parts[part]["rows"]:
             if (row["condition"], row["quantity"]) == (condition, quantity) and row["paper"] is not None:
                 ours = math.nan if row["ours"] is None else row["ours"]
-                spread = {"paper_sd": row["paper"]["sd"], "sd": row["sd"], "seeds": tuple(row.get("seeds", ()))}
-                kept = {"digits": row["digits"], "calibrated": row["calibrated"], "n": max(row["n"], 1)}
-                return Figure(paper=row["paper"]["mean"], ours=ours, **spread, **kept)
+                theirs = {f"paper_{name}": row["paper"].get(name) for name in ("sd", "n")}
+                kept = {name: row.get(name, 0) for name in ("sd", "error", "error_free", "digits", "calibrated")}
+                more = {"seeds": tuple(row.get("seeds", ())), "n": max(row["n"], 1)}
+                return Figure(paper=row["paper"]["mean"], ours=ours, **theirs, **kept, **more)
         raise KeyError(f"{part}: no row {condition!r}, {quantity!r}")
 
     def holds(self, part: str, claim: str) -> bool:
@@ -202,7 +267,9 @@ def change(part: str, quantity: str, *pairs: tuple[str, str], absolute: bool = F
             if paired and len(a.seeds) == len(b.seeds) > 1:
                 each = 100.0 * (np.divide(b.seeds, a.seeds) - 1.0)
                 ours, sd = float(each.mean()), float(each.std(ddof=1))
-            figures.append(Figure(paper=theirs, paper_sd=theirs_sd, ours=ours, sd=sd, digits=1, n=min(a.n, b.n)))
+            n = min((n for n in (a.paper_n, b.paper_n) if n), default=None)
+            papers = {"paper": theirs, "paper_sd": theirs_sd, "paper_n": n}
+            figures.append(Figure(**papers, ours=ours, sd=sd, digits=1, n=min(a.n, b.n)))
         return figures
 
     return Measure(part, measure)
@@ -251,9 +318,8 @@ class Judged:
     claim: Claim
     figures: Sequence[Figure]
     verdict: Verdict
-    mark: Mark
     needed: int | None = None
-    """Seeds that would resolve it, of one that is unresolved."""
+    """Seeds that would resolve it, of one that is not resolved; None where seeds alone would not."""
     why: str = ""
     """See :meth:`Claim.reason`."""
 
@@ -263,64 +329,58 @@ class Judged:
         return max((abs(f.relative) for f in self.figures if not f.calibrated and f.paper), default=0.0)
 
 
-def mark_of(entry: str) -> Mark:
-    """Knowledge of the paper's figures when an entry was made; without an entry nothing was tuned in view."""
-    return CONTENTS[entry].mark if entry in CONTENTS else Mark.PREDICTED
-
-
 def judge(claim: Claim, found: Results) -> Judged:
     """The verdict, by rule.
 
     A claim's direction is the sign of its effects, or else of the differences between its levels that the paper
-    separates by more than their spread, each with its interval over seeds (:meth:`Figure.sign`); and the claims of its
-    entry. *Not reproduced*: one of these is excluded, or a lone level, which has no direction, disagrees.
-    *Unresolved*: nothing is excluded, but an interval is too wide to decide. *Sign agrees, size does not*: all have
-    the paper's direction. *Reproduced*: every figure agrees as well. Calibrated figures take no part.
+    separates, each tested by the standard errors of both with as many tests as the claim has rows
+    (:meth:`Figure.sign`); and the claims of its entry. *Not reproduced*: one of these is excluded, or a lone level,
+    which has no direction, is apart. *Not resolved*: nothing is excluded, but an interval is too wide to decide, the
+    paper's own among them. *Sign agrees*: all have the paper's direction; the size *does not* where a figure is apart,
+    and is *not resolved* where an interval is wide (:data:`WIDE`). *Reproduced*: every figure agrees as well. What has
+    no figure is not reproduced but *as the paper says*. Calibrated figures take no part.
     """
     figures = claim.measure(found) if claim.measure else []
     free = [figure for figure in figures if not figure.calibrated]
     verdict, needed = _verdict(claim, found, free) if free or not figures else (Verdict.CALIBRATED, None)
-    mark = mark_of(claim.entry)
-    if verdict is Verdict.CALIBRATED:
-        mark = Mark.CALIBRATED
-    return Judged(claim=claim, figures=figures, verdict=verdict, mark=mark, needed=needed, why=claim.reason(found))
+    return Judged(claim=claim, figures=figures, verdict=verdict, needed=needed, why=claim.reason(found))
 
 
 def _verdict(claim: Claim, found: Results, figures: Sequence[Figure]) -> tuple[Verdict, int | None]:
     """Verdict of a claim by its figures, none of which is calibrated, and the seeds that would resolve it."""
     if claim.excluded:
         return Verdict.EXCLUDED, None
-    tests = figures if claim.effect else [a.minus(b) for a, b in itertools.combinations(figures, 2) if _apart(a, b)]
-    signs = [test.sign() for test in tests]
-    agree = all(figure.agrees for figure in figures)
+    rows = len(figures)
+    pairs = [] if claim.effect else [a.minus(b) for a, b in itertools.combinations(figures, 2)]
+    tests = list(figures) if claim.effect else [pair for pair in pairs if pair.stated(rows)]
+    signs = [test.sign(rows) for test in tests]
+    agree = all(figure.agrees(rows) for figure in figures)
     without_direction = bool(figures) and not tests and not claim.holds
     if Verdict.NOT in signs or (without_direction and not agree):
         return Verdict.NOT, None
     if open_ones := [test for test, sign in zip(tests, signs, strict=True) if sign is Verdict.UNRESOLVED]:
-        return Verdict.UNRESOLVED, max(test.needed() for test in open_ones)
+        needed = [test.needed(rows) for test in open_ones]
+        return Verdict.UNRESOLVED, None if None in needed else max(n for n in needed if n)
     if not all(found.holds(part, name) for part, name in claim.holds):
         return Verdict.NOT, None
-    return (Verdict.REPRODUCED if agree else Verdict.DIRECTION), None
+    if not figures:
+        return Verdict.WORDS, None
+    if not agree:
+        return Verdict.DIRECTION, None
+    if not any(figure.wide("effect" if claim.effect else "level", rows) for figure in figures):
+        return Verdict.REPRODUCED, None
+    return (Verdict.UNRESOLVED if without_direction else Verdict.SIGN), None
 
 
-def _apart(a: Figure, b: Figure) -> bool:
-    """Whether two of the paper's figures differ by more than their spread."""
-    spread = math.hypot(a.paper_sd or 0.0, b.paper_sd or 0.0) or NEAR * max(abs(a.paper), abs(b.paper))
-    return abs(a.paper - b.paper) > spread
-
-
-def by_effect(judged: Sequence[Judged]) -> dict[Mark, dict[Verdict, int]]:
-    """How many physical effects have which verdict, by what was known of them.
+def by_effect(judged: Sequence[Judged]) -> dict[Verdict, int]:
+    """How many physical effects have which verdict.
 
     An effect counts once, by the worst verdict of its claims. Calibrated claims, and those that exclude each other, are
     none of these.
     """
-    worst: dict[tuple[Mark, str], Verdict] = {}
+    worst: dict[str, Verdict] = {}
     for each in judged:
         if each.verdict in BY_EFFECT:
-            effect = each.mark, each.claim.about
-            worst[effect] = min(worst.get(effect, each.verdict), each.verdict, key=BY_EFFECT.index)
-    return {
-        mark: {verdict: sum(of is mark and v is verdict for (of, _), v in worst.items()) for verdict in BY_EFFECT[::-1]}
-        for mark in (Mark.IN_VIEW, Mark.PREDICTED)
-    }
+            about = each.claim.about
+            worst[about] = min(worst.get(about, each.verdict), each.verdict, key=BY_EFFECT.index)
+    return {verdict: sum(found is verdict for found in worst.values()) for verdict in BY_EFFECT[::-1]}

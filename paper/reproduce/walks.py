@@ -16,7 +16,8 @@ from mrwarp.trials.walk_figures import calibration_rows
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import Findings, seeds_of
+from paper.reproduce.comparison import Findings
+from paper.reproduce.seeds import seeds_of
 from paper.reproduce.settings import (
     Ensemble,
     ensembles,
@@ -33,8 +34,6 @@ class Variant:
 
     robots: tuple[str, ...]
     """Of ``paper.ROBOTS``."""
-    damping: bool = True
-    """Whether MR_Go-SAL damps too, or only holds."""
     coupling: Coupling = Coupling.EXPLICIT
     """How the devices act: by the paper's torque (eqs. 6, 19), or as a brake that sticks."""
     as_commanded: bool = False
@@ -48,16 +47,12 @@ class Variant:
 VARIANTS = {
     # each robot with its own policies, MR_Go-SAL's trained with the explicit torque
     "both": Variant(robots=paper.ROBOTS, repeated=True),
-    "as_commanded": Variant(robots=paper.ROBOTS, as_commanded=True, title="At 0.3 and 0.5 m/s"),
-    "holding": Variant(robots=("mr_go_sal",), damping=False, title="Holding alone"),
-    # the torque of eq. 19 alone leaves MR_Go's gait as it is
-    "same_gait": Variant(robots=("mr_go_sal",), damping=False, title="Holding alone on MR_Go's gait"),
+    "as_commanded": Variant(robots=("mr_go_sal",), as_commanded=True, title="At 0.3 and 0.5 m/s"),
     # MR_Go-SAL's policies were trained with such devices; MR_Go's are its first, as many as those
     "constraint_coupling": Variant(robots=SAL, coupling=Coupling.CONSTRAINT, title="A device that sticks"),
     "swapped_policies": Variant(robots=SAL, title="Each other's policies"),
     # the actuator-aware policies of table 2, trained without a price
     "no_power_price": Variant(robots=paper.ROBOTS, title="Table 2's policies"),
-    "high_power_price": Variant(robots=paper.ROBOTS, title="The high price's policies"),
 }
 """The walked conditions, by the names in :attr:`Walks.results`."""
 
@@ -134,15 +129,12 @@ def simulate(job: Job) -> Findings:
     policies = {
         "both": own,
         "as_commanded": own,
-        "holding": own,
-        "same_gait": {"mr_go_sal": own["mr_go"]},
         "constraint_coupling": {
             "mr_go": Ensemble(settings.policies["mr_go"][: len(settings.sticking)]),
             "mr_go_sal": Ensemble(settings.sticking),
         },
         "swapped_policies": {"mr_go": own["mr_go_sal"], "mr_go_sal": own["mr_go"]},
         "no_power_price": dict.fromkeys(paper.ROBOTS, Ensemble(settings.aware)),
-        "high_power_price": {robot: Ensemble(paths) for robot, paths in settings.high.items()},
     }
     counts = {name: len(policies[name][variant.robots[0]]) for name, variant in VARIANTS.items()}
     results, share = {}, 1.0 / (len(VARIANTS) + 0.1)
@@ -153,7 +145,7 @@ def simulate(job: Job) -> Findings:
             distance=settings.distance,
             seed=settings.seed,
             robots=variant.robots,
-            env=replace(env, damping=variant.damping, coupling=variant.coupling),
+            env=replace(env, coupling=variant.coupling),
         )
         results[name] = walk(cfg, policies[name], lambda text, part, k=k: job.report(text, (k + part) * share))
     job.report("standing", 0.98)
@@ -174,7 +166,7 @@ EXPERIMENTS = (
     Experiment(
         name="walks",
         compute=simulate,
-        settings=("policies", "aware", "sticking", "high", "rollouts", "distance", "seed"),
-        seconds=walks_time(260.0, "distance", 30.0),
+        settings=("policies", "aware", "sticking", "rollouts", "distance", "seed"),
+        seconds=walks_time(150.0, "distance", 30.0),
     ),
 )

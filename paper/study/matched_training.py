@@ -20,8 +20,7 @@ from mrwarp.options.plain_values import plain
 from mrwarp.resources import policy_file
 from mrwarp.rl import checkpoint
 from mrwarp.rl.checkpoint import ppo_of
-from mrwarp.rl.ppo_cfg import PpoCfg
-from mrwarp.rl.task_record import differences, identity, task_of
+from mrwarp.rl.task_record import identity, task_of
 from mrwarp.rl.train_cfg import RunCfg, TrainCfg
 from mrwarp.rl.trainer import Trainer
 from mrwarp.rl.warm_start import read_networks
@@ -232,53 +231,6 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
         run=RunCfg(out=run, iterations=cfg.iterations, no_gate=True, check_every=float("inf"), command=command),
     )
     return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
-
-
-def settled(
-    env: TaskCfg,
-    seed: int,
-    updates: int,
-    learning: PpoCfg,
-    begin: Path,
-    folder: Path,
-    command: str,
-) -> Path | None:
-    """Policy of a single training that is done in a folder, goes on there, or begins with another policy.
-
-    Args:
-        env: The task.
-        seed: Training seed.
-        updates: PPO updates in all.
-        learning: How fast the networks learn.
-        begin: File to begin with, where the folder has nothing to go on from.
-        folder: Folder of the training.
-        command: Command line that asks for it, for the record.
-
-    Returns:
-        The policy; None after Ctrl-C.
-
-    Raises:
-        ValueError: the folder holds a training of other choices, or it broke off.
-    """
-    with claim(folder):  # before its checkpoint is read
-        policy, saved = folder / "policy.onnx", folder / "checkpoint.pt"
-        resumed = saved.is_file()
-        if resumed:
-            content = checkpoint.load(saved)
-            other = any(differences(content["task"], env)) or content["seed"] != seed
-            if other or content["iteration"] > updates:
-                raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
-            if content["iteration"] == updates and policy.is_file():
-                return policy
-        train_cfg = TrainCfg(
-            task=replace(env, seed=seed),
-            ppo=learning,
-            run=RunCfg(out=folder, iterations=updates, no_gate=True, check_every=float("inf"), command=command),
-        )
-        result = Trainer(train_cfg, resume=saved if resumed else None, start_from=None if resumed else begin).run(
-            claimed=True
-        )
-        return None if result["stopped"] == "interrupted" else policy
 
 
 def _result(run: Path) -> dict[str, Any]:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared where command lines can read them)
     AWARE,
@@ -19,15 +16,14 @@ from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared whe
     PLANTS,
     PUBLIC,
     TRAINABLE,
+    USUAL_HEIGHT,
     Coupling,
     ZStep,
 )
 from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.config.mdp_cfg import make_randomize_cfg, make_terrain_cfg
-from mrwarp.options.json_file import read_json_file
 from mrwarp.resources import POLICIES, policy_file
 from mrwarp.rl.ppo_cfg import PpoCfg
-from mrwarp.run_dir import plain, write_text
 from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 SEEDS = (0, 1, 2, 3, 4)
@@ -36,9 +32,6 @@ SEEDS = (0, 1, 2, 3, 4)
 POWER_PRICE = 0.002
 """Price of a watt of motors and coils for the robots of tables 6 and 7 [1/W]. The paper says of its reward terms only
 that they were matched; what a price changes is in docs/paper_table6.md."""
-
-HIGH_POWER_PRICE = 0.01
-"""Five times :data:`POWER_PRICE`: the other end of that comparison, and the origin of its trainings [1/W]."""
 
 HEIGHT = -300.0
 """Weight of the squared error of the trunk's height there: with the usual -40, a robot that pays for power walks with
@@ -51,11 +44,11 @@ reward of 4 and stays; with this, it costs half a unit."""
 LOAD = (-0.5, 3.5)
 """Mass added to the trunk there [kg]: tables 6 and 7 are walked with 0 and 3 kg."""
 
+SOFT = (PUBLIC, USUAL_HEIGHT)
+"""Plants with the gains of the public description."""
+
 WALKERS = {"go1": CONVENTIONAL, **dict.fromkeys(("mr_go", "mr_go_sal", EXPLICIT), "bouc_wen")}
 """The plants of tables 2 and 3 with whose policies the robots of tables 6 and 7 begin: they walk, and know no price."""
-
-HIGH_PRICE = POLICIES / "energy_high_price"
-"""Shipped policies of these robots, trained with :data:`HIGH_POWER_PRICE`."""
 
 RANDOMIZE = "ground"
 """Randomisation between environments in the studies' trainings: the paper (section 6.2) lists what it matched between
@@ -65,7 +58,7 @@ STUDY = POLICIES / "study"
 """Shipped policies of the studies, trained with the paper's explicit torque, with their training records."""
 
 BRAKE = POLICIES / "study_brake"
-"""Shipped policies of the studies that were trained with the brake constraint, with their training records."""
+"""Shipped actuator-aware policies that were trained with the brake constraint, with their training records."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +149,7 @@ def plant_cfg(
         raise ValueError(f"plant = {plant!r}: choose from {', '.join(TRAINABLE)}")
     bare = plant in (CONVENTIONAL, "go1")
     paying = plant in PAYING
-    model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
+    model = "none" if bare else "bouc_wen" if paying else AWARE if plant in SOFT else plant
     cfg = TaskCfg(
         num_envs=num_envs,
         robot="go1" if bare else "mr_go",
@@ -169,47 +162,14 @@ def plant_cfg(
         z_step=ZStep.EULER,
     )
     cfg = replace(cfg, rewards=cfg.rewards.weighing(tilt=TILT))
+    if plant in SOFT:
+        soft = replace(cfg, gains=PUBLIC_GAINS)
+        return replace(soft, rewards=cfg.rewards.weighing(height=HEIGHT)) if plant == PUBLIC else soft
     if not paying:
-        return replace(cfg, gains=PUBLIC_GAINS, rewards=cfg.rewards.weighing(height=HEIGHT)) if plant == PUBLIC else cfg
+        return cfg
     return replace(
         cfg,
         rewards=cfg.rewards.weighing(power=0.0 - power_price, height=HEIGHT),
         randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
         currents=(CURRENT_GROUPS[-1],),
     )
-
-
-def kept(path: Path, of: Mapping[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Figures that a file holds, or make them and write it: a study that was stopped goes on where it was.
-
-    Args:
-        path: The file; it also keeps what making them took.
-        of: The choices that the figures hang on; the file keeps them.
-        make: Measures them.
-
-    Raises:
-        ValueError: the file is damaged, or holds what other choices gave.
-    """
-    if not path.is_file():
-        begun, figures = time.process_time(), make()
-        content = {"of": of, "figures": figures, "processor_seconds": time.process_time() - begun}
-        write_text(path, json.dumps(plain(content), indent=1) + "\n")
-    found = read_json_file(path, "remove it to measure again")
-    if not isinstance(found, dict) or found.get("of") != plain(of):
-        raise ValueError(f"{path}: measured with other choices than asked for; name another --out")
-    return found["figures"]
-
-
-def spent(out: Path) -> dict[str, float]:
-    """Time of a study's folder, over all calls that filled it.
-
-    Returns:
-        ``measuring``: processor seconds of all that :func:`kept` made; ``training``: seconds of the trainings.
-    """
-    found = {"measuring": 0.0, "training": 0.0}
-    for path in sorted(out.rglob("*.json")):
-        content = read_json_file(path, "remove it to measure again")
-        if isinstance(content, dict) and path != out / "result.json":
-            found["measuring"] += content.get("processor_seconds", 0.0)
-            found["training"] += content.get("seconds", 0.0) if path.name == "result.json" else 0.0
-    return found

@@ -1,22 +1,26 @@
-"""Rollouts of many policies in one batch on one plant: velocity, height and attitude of each."""
+"""Rollouts of many policies in one batch on one plant: velocity, height and attitude of each (tables 2 and 3).
+
+The rollouts of a training seed are averaged first, as in the paper. :func:`causes` changes the plant step by step, to
+show where a policy's velocity error comes from.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import torch
 
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.env.cfg import TaskCfg
-from mrwarp.env.vec_env import WalkEnv
+from mrwarp.resources import policy_file
+from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.runtime import one_torch_thread
 from mrwarp.trials.power_meter import MotionMeter
 from mrwarp.trials.walking import Policy, act, make_env, same_starts
-from paper.study.plan import AWARE, SEEDS, STUDY, check_seeds
+from paper.study.plan import AWARE, CONVENTIONAL, SEEDS, STUDY, check_seeds, plant_cfg
 
 PLANT = AWARE
 """Torque model of the plant that all policies are evaluated on: the most accurate one."""
@@ -32,16 +36,10 @@ METRICS = {
 """Measured figures of a rollout and their units."""
 
 
-class Meter(Protocol):
-    """Measures rollouts, a call after every policy step."""
+Report = Callable[[float], None]
 
-    def add(self, counted: torch.Tensor) -> None:
-        """Add the policy step that has just been simulated, of these environments; bool, shape (E,)."""
-        ...
-
-    def figures(self) -> dict[str, np.ndarray]:
-        """Figures by name, shape (E,)."""
-        ...
+CURRENT = 1.5
+"""Current that the devices may use with SAL on [A], table 2."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +47,8 @@ class EvaluationCfg:
     """Which policies are rolled out, and how."""
 
     folder: Path = STUDY
-    """Policies, as :func:`paper.study.matched_training.collect` leaves them."""
+    """Policies, as :func:`paper.study.matched_training.collect` leaves them; conventional ones, whose robot has no
+    devices, may stand in :data:`STUDY` alone."""
     seeds: tuple[int, ...] = SEEDS
     """Training seeds."""
     rollouts: int = 3
@@ -60,8 +59,6 @@ class EvaluationCfg:
     """Plant that all policies walk on, one of :data:`paper.study.plan.PLANTS`."""
     coupling: Coupling = Coupling.EXPLICIT
     """How its devices act: the paper's torque, or a brake that sticks."""
-    terrain: str = "flat"
-    """Ground; on rough ground a multiple of 36 rollouts covers every level and kind equally."""
     speed: float = 0.5
     """Commanded speed [m/s]."""
     warmup: float = 2.0
@@ -96,19 +93,16 @@ def roll_out(
     plant: TaskCfg,
     policies: Sequence[Policy],
     currents: Sequence[float],
-    report: Callable[[float], None] | None = None,
-    *,
-    further: Callable[[WalkEnv], Meter] | None = None,
+    report: Report | None = None,
 ) -> Measured:
     """Roll policies out side by side.
 
     Args:
-        cfg: How; its folder, seeds, plant, terrain and threads are the caller's business.
+        cfg: How; its folder, seeds, plant and threads are the caller's business.
         plant: What they walk on; the nominal robot without noise.
         policies: One policy per row.
         currents: Current its devices may use [A]; 0 is SAL off. Same length.
         report: Called now and then with the share that is done.
-        further: Makes a meter whose figures are added to those of :data:`METRICS`.
     """
     count = len(policies)
     env = make_env(plant, count * cfg.rollouts, cfg.seed)
@@ -118,7 +112,6 @@ def roll_out(
     command[:, 0] = cfg.speed
     env.set_command(command)
     obs, motion = env.get_observations(), MotionMeter(env, command)
-    meters: list[Meter] = [motion, *([further(env)] if further else [])]
     going = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
     skip, steps = round(cfg.warmup / env.cfg.step_dt), round(cfg.seconds / env.cfg.step_dt)
     for step in range(skip + steps):
@@ -126,13 +119,102 @@ def roll_out(
         env.set_command(command)
         going = going & ~env.fallen
         if step >= skip:
-            for meter in meters:
-                meter.add(going)
+            motion.add(going)
         if report and step % 100 == 99:
             report((step + 1) / (skip + steps))
     measured = motion.figures()
     kept = {name: measured[name] for name in METRICS}
-    for meter in meters[1:]:
-        kept |= meter.figures()
     fell = ~going.reshape(count, cfg.rollouts).cpu().numpy()
     return Measured(figures={name: values.reshape(count, cfg.rollouts) for name, values in kept.items()}, fell=fell)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyRow:
+    """Policies of one training under one condition."""
+
+    plant: str
+    """Plant that they were trained on, one of :data:`paper.study.plan.PLANTS`."""
+    current: float
+    """Current that the devices may use [A]; 0 is SAL off."""
+    seeds: dict[str, np.ndarray]
+    """Average over its rollouts of each seed, by metric, shape (seeds,); see :data:`METRICS` for units."""
+    rollouts: dict[str, np.ndarray]
+    """The single rollouts, by metric, shape (seeds, rollouts)."""
+    fell: int
+    """Rollouts that fell."""
+
+
+def evaluate(
+    cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None, *, env: TaskCfg | None = None
+) -> list[PolicyRow]:
+    """Roll out the policies of several trainings in one batch.
+
+    Args:
+        cfg: Which policies, and how they are rolled out.
+        cells: Training plant, and current that the devices may use [A].
+        report: Called with the share that is done.
+        env: What they walk on; None takes the plant of ``cfg``.
+
+    Returns:
+        A row for each cell. A seed's average leaves out rollouts without figures.
+
+    Raises:
+        PolicyError: a policy is missing or unreadable.
+    """
+    loaded = {name: [OnnxPolicy(_file(cfg, name, seed)) for seed in cfg.seeds] for name, _ in cells}
+    policies = [policy for name, _ in cells for policy in loaded[name]]
+    currents = [current for _, current in cells for _ in cfg.seeds]
+    env = env or plant_cfg(cfg.plant, threads=cfg.threads, coupling=cfg.coupling)
+    found = roll_out(cfg, env, policies, currents, report)
+    rows = []
+    for k, (plant, current) in enumerate(cells):
+        own = slice(k * len(cfg.seeds), (k + 1) * len(cfg.seeds))
+        single = {metric: values[own] for metric, values in found.figures.items()}
+        averages = {metric: np.nanmean(values, axis=1) for metric, values in single.items()}
+        fell = int(found.fell[own].sum())
+        rows.append(PolicyRow(plant=plant, current=current, seeds=averages, rollouts=single, fell=fell))
+    return rows
+
+
+def _file(cfg: EvaluationCfg, plant: str, seed: int) -> Path:
+    own = policy_file(cfg.folder, plant, seed)
+    return own if own.is_file() or plant != CONVENTIONAL else policy_file(STUDY, plant, seed)
+
+
+STEPS = {
+    "go1": "Go1",
+    "mass": "MR_Go's masses, no devices",
+    "drag": "and the devices' drag at 0 A",
+    "damping": "and damping at 1.5 A",
+    "holding": "and holding alone at 1.5 A",
+    "both": "and both",
+}
+"""Plants, each one thing further from Go1 than the one before."""
+
+
+def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = None) -> dict[str, dict[str, PolicyRow]]:
+    """Roll the policies of some trainings out on every plant, with the Bouc-Wen device, see :func:`evaluate`.
+
+    Returns:
+        Rows by training plant and step of :data:`STEPS`.
+    """
+    rows: dict[str, dict[str, PolicyRow]] = {plant: {} for plant in plants}
+    for k, step in enumerate(STEPS):
+        env, current = step_plant(step, cfg)
+        for row in evaluate(cfg, [(plant, current) for plant in plants], env=env):
+            rows[row.plant][step] = row
+        if report:
+            report((k + 1) / len(STEPS))
+    return rows
+
+
+def step_plant(step: str, cfg: EvaluationCfg) -> tuple[TaskCfg, float]:
+    """The task on the plant of a step, and the current its devices may use [A]."""
+    if step == "go1":
+        return TaskCfg(robot="go1", actuator="none", sal=False, threads=cfg.threads), 0.0
+    if step == "mass":
+        return TaskCfg(actuator="none", sal=False, threads=cfg.threads), 0.0
+    env = TaskCfg(z_step=ZStep.EULER, threads=cfg.threads, coupling=cfg.coupling)
+    if step == "drag":
+        return env, 0.0
+    return replace(env, damping=step != "holding", holding=step != "damping"), CURRENT

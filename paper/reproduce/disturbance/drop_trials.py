@@ -1,7 +1,7 @@
 """The guided mass of the hardware's trials (section 6.3) on walking robots: table 4's hardware rows, figure 7, table 5.
 
 Both branches act, as in the paper's configurations B and D. The paper says nothing of the contact: it is a pad on which
-the two masses part after the paper's impact window of 0.1 s, or, for comparison, a rigid one.
+the two masses part after the paper's impact window of 0.1 s.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
 from mrwarp.trials.impact_figures import MOTOR_WINDOW
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import BRAKE, Findings, seeds_of
+from paper.reproduce.comparison import BRAKE, Findings
 from paper.reproduce.disturbance.push_rule import fallen
+from paper.reproduce.seeds import seeds_of
 from paper.reproduce.settings import (
     IMPACTS,
     TRAININGS,
@@ -50,8 +51,6 @@ class Drop:
 
     brake: bool = False
     """Whether the devices are brake constraints; else they have the paper's torque."""
-    rigid: bool = False
-    """Whether mass and trunk meet as rigid bodies."""
     holding: bool = True
     """Whether both branches of the scheduler act, or damping alone."""
     exact: bool = False
@@ -60,7 +59,7 @@ class Drop:
     @property
     def name(self) -> str:
         """In words."""
-        text = [JOINT if self.brake else LITERAL] + ["rigid contact"] * self.rigid
+        text = [JOINT if self.brake else LITERAL]
         return ", ".join(text + ["damping alone"] * (not self.holding))
 
     @property
@@ -72,7 +71,7 @@ class Drop:
 COLUMNS = (Drop(), Drop(brake=True))
 """The columns of every row."""
 
-DROPS = (*COLUMNS, Drop(rigid=True), Drop(holding=False))
+DROPS = (*COLUMNS, Drop(holding=False))
 """Ways to drop the mass on the robots of table 4 and figure 7."""
 
 BOUND = (0.8, 1.6, 3.0, 6.0, 12.0, 25.0)
@@ -97,7 +96,7 @@ def config(drop: Drop, settings: Settings, paths: Sequence[Path], variants: tupl
         variants=variants,
         trials=len(paths) * settings.impacts,
         gains=trained_gains(paths),
-        mass=MassCfg(stiffness=None if drop.rigid else STIFFNESS),
+        mass=MassCfg(stiffness=STIFFNESS),
         env=impact.fixed_current_env(
             holding=drop.holding,
             coupling=Coupling.CONSTRAINT if drop.brake else Coupling.EXPLICIT,
@@ -110,15 +109,15 @@ def config(drop: Drop, settings: Settings, paths: Sequence[Path], variants: tupl
 
 
 class Dropper:
-    """Drops masses on the same walking robots; they walk in once per kind of device and contact."""
+    """Drops masses on the same walking robots; they walk in once per kind of device."""
 
     def __init__(self, settings: Settings, paths: Sequence[Path]) -> None:
         self.settings, self.paths, self.policy = settings, paths, Ensemble(paths)
-        self._walkers: dict[tuple[bool, bool], ImpactSweep] = {}
+        self._walkers: dict[bool, ImpactSweep] = {}
 
     def drop(self, drop: Drop, variants: tuple[Variant, ...]) -> dict[str, np.ndarray]:
         """:func:`measured` with all settings of the device."""
-        cfg, kind = config(drop, self.settings, self.paths, variants), (drop.brake, drop.rigid)
+        cfg, kind = config(drop, self.settings, self.paths, variants), drop.brake
         if kind not in self._walkers:
             self._walkers[kind] = ImpactSweep(replace(cfg, variants=(Variant(current=0.0),)), self.policy)
             self._walkers[kind].walk_in()
@@ -133,8 +132,8 @@ class Drops:
 
     figures: dict[str, dict[str, np.ndarray]]
     """:func:`measured` by the names of :data:`DROPS`, at the currents of eq. 20."""
-    bound: dict[str, dict[str, np.ndarray]]
-    """Without a device's torque and with each of :data:`BOUND`, by contact: ``compliant``, ``rigid``."""
+    bound: dict[str, np.ndarray]
+    """Without a device's torque and with each of :data:`BOUND`."""
     struck: dict[str, dict[str, np.ndarray]]
     """Table 5: by training and column (```training, column```), SAL off and on."""
     policies: int
@@ -160,15 +159,14 @@ def simulate(job: Job) -> Findings:
         job.report(drop.name, 0.5 * k / len(DROPS))
         figures[drop.name] = dropper.drop(drop, currents)
     devices = (Variant(current=0.0, params=ideal(0.0).params), *map(ideal, BOUND))
-    bound = {}
-    for name, rigid in (("compliant", False), ("rigid", True)):
-        job.report(f"bound, {name}", 0.5)
-        bound[name] = dropper.drop(Drop(brake=True, rigid=rigid, holding=False, exact=True), devices)
+    job.report("bound", 0.5)
+    bound = dropper.drop(Drop(brake=True, holding=False, exact=True), devices)
     struck = {}
     for training in (CONVENTIONAL, AWARE):
         job.report(training, 0.8)
         for drop in COLUMNS:
-            dropper = Dropper(settings, study_files((training,), folder=BRAKE_POLICIES if drop.brake else STUDY))
+            folder = BRAKE_POLICIES if drop.brake and training == AWARE else STUDY  # Go1 has no device
+            dropper = Dropper(settings, study_files((training,), folder=folder))
             struck[f"{training}, {drop.name}"] = dropper.drop(drop, (currents[0], currents[-1]))
     return job.save(
         Drops(
@@ -222,7 +220,7 @@ EXPERIMENTS = (
         name="drops",
         compute=simulate,
         settings=IMPACTS,
-        files=lambda: [*study_files(TRAININGS), *study_files(TRAININGS, folder=BRAKE_POLICIES)],
+        files=lambda: [*study_files(TRAININGS), *study_files((AWARE,), folder=BRAKE_POLICIES)],
         seconds=impacts_time(16.0),
     ),
 )

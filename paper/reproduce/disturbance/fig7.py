@@ -11,9 +11,10 @@ from mrwarp.trials.walk_pictures import PAPER_MARK
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from mrwarp.viewing.robot_pictures import COLORS
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import Findings, compare, over_seeds
+from paper.reproduce.comparison import Findings, compare
 from paper.reproduce.disturbance import drop_trials
 from paper.reproduce.disturbance.drop_trials import COLUMNS, DROPS
+from paper.reproduce.seeds import over_seeds
 from paper.reproduce.verdicts import Claim, change
 
 TORQUE = ("calf motor torque", "N·m", 2)

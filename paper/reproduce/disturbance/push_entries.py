@@ -15,9 +15,10 @@ from mrwarp.trials.impact import ImpactTrace, Variant
 from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import Findings, compare, over_seeds
+from paper.reproduce.comparison import Findings, compare
 from paper.reproduce.disturbance import push_rule
 from paper.reproduce.disturbance.push_rule import JOINT, LITERAL, PAIR, by_policy
+from paper.reproduce.seeds import over_seeds
 from paper.reproduce.settings import IMPACTS, impacts_time
 from paper.reproduce.verdicts import Claim, rows
 

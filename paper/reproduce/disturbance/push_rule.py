@@ -12,6 +12,7 @@ Found with table 4 in view: the square of :data:`SQUARE`, which crosses the angl
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,15 +23,14 @@ from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, b
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import BRAKE, Findings
+from paper.reproduce.disturbance import two_knees
 from paper.reproduce.settings import (
     IMPACTS,
     Ensemble,
     Settings,
     impacts_time,
-    networks,
     trained_gains,
 )
-from paper.study.plan import AWARE
 
 CELLS = ("min_height", "peak_down_velocity")
 """The two columns of table 4."""
@@ -51,6 +51,10 @@ HEIGHT = paper.TABLE_2["D"]["height"].mean
 
 WINDOW = 0.8
 """Time after the push's onset over which minima are taken [s]."""
+
+DERIVED = round(two_knees.half_period(), 1)
+"""Duration that the paper's own row of 0 A asks for [s], see :mod:`paper.reproduce.paper_checks`; the policies had no
+part in it."""
 
 NO_DRAG = {"D": 0.0, "B": 0.0, "C": 0.0, "I1": 0.0, "K0": 0.0}
 """Eq. 14 without what is left of it at 0 A."""
@@ -74,19 +78,22 @@ class Reading:
     """Whether the devices are brake constraints; else they have the paper's torque."""
     holding: bool = False
     """Whether both branches of the scheduler act, or damping alone."""
-    learned: bool = False
-    """Whether the shipped PG-RLSTM corrects eq. 14 (eq. 16)."""
     raw: bool = False
     """Whether q_c of eq. 14 is the calf's angle itself, less the paper's offset of 0.2 mrad; else the displacement from
     the neutral stance."""
     free: bool = False
     """Whether the device has no drag at 0 A; section 4.2 says that it has."""
+    derived: bool = False
+    """Whether the push lasts :data:`DERIVED`, or what the rule takes."""
+    usual_height: bool = False
+    """Whether the policies were trained with the usual weight of the trunk's height."""
 
     @property
     def name(self) -> str:
         """In words."""
         text = ["brake constraint" if self.brake else "the paper's torque"]
-        text += ["both branches"] * self.holding + ["PG-RLSTM"] * self.learned
+        text += ["both branches"] * self.holding + [f"push of {DERIVED:g} s"] * self.derived
+        text += ["usual weight of the height"] * self.usual_height
         return ", ".join(text + ["raw angle"] * self.raw + ["no drag at 0 A"] * self.free)
 
     @property
@@ -103,6 +110,9 @@ class Reading:
 LITERAL, JOINT = Reading(), Reading(brake=True)
 """The paper's equations, and the device as this program has it."""
 
+SHORT = Reading(derived=True)
+"""The paper's equations under the push that its own row of 0 A asks for."""
+
 SQUARE = (LITERAL, Reading(free=True), Reading(raw=True), Reading(raw=True, free=True))
 """Raw or neutral angle, drag or none at 0 A."""
 
@@ -111,27 +121,32 @@ READINGS = (
     JOINT,
     Reading(holding=True),
     Reading(brake=True, holding=True),
-    Reading(learned=True),
+    *(Reading(brake=brake, derived=True) for brake in (False, True)),
+    *(Reading(usual_height=True, derived=derived) for derived in (False, True)),
     *SQUARE[1:],
 )
 """Readings that are pushed; the first two are the columns of every row."""
+
+
+def pushed(reading: Reading, settings: Settings) -> tuple[Path, ...]:
+    """Policies of the pushed robots."""
+    return settings.usual_height if reading.usual_height else settings.impacted
 
 
 def config(reading: Reading, settings: Settings, variants: tuple[Variant, ...], duration: float) -> ImpactCfg:
     """The sweep of a reading over some settings of its device."""
     return ImpactCfg(
         variants=variants,
-        trials=len(settings.impacted) * settings.impacts,
+        trials=len(pushed(reading, settings)) * settings.impacts,
         window=WINDOW,
         duration=duration,
         phases=PHASES,
-        gains=trained_gains(settings.impacted),
+        gains=trained_gains(pushed(reading, settings)),
         env=impact.fixed_current_env(
             holding=reading.holding,
             coupling=Coupling.CONSTRAINT if reading.brake else Coupling.EXPLICIT,
             z_step=ZStep.EULER,
             threads=settings.threads,
-            actuator="pg_rlstm" if reading.learned else "bouc_wen",
         ),
         seed=settings.seed,
     )
@@ -141,17 +156,19 @@ class Pusher:
     """Pushes the same walking robots under one reading after another; they walk in once per kind of device."""
 
     def __init__(self, settings: Settings) -> None:
-        self.settings, self.policy = settings, Ensemble(settings.impacted)
-        self._walkers: dict[tuple[bool, bool], ImpactSweep] = {}
+        self.settings = settings
+        self._walkers: dict[tuple[bool, bool], tuple[ImpactSweep, Ensemble]] = {}
 
     def push(self, reading: Reading, variants: tuple[Variant, ...], duration: float) -> ImpactTrace:
         """All settings of the device at once."""
-        cfg, kind = config(reading, self.settings, variants, duration), (reading.brake, reading.learned)
+        cfg, kind = config(reading, self.settings, variants, duration), (reading.brake, reading.usual_height)
         if kind not in self._walkers:
-            self._walkers[kind] = ImpactSweep(replace(cfg, variants=(Variant(current=0.0),)), self.policy)
-            self._walkers[kind].walk_in()
-        sweep = ImpactSweep(cfg, self.policy)
-        sweep.begin_with(self._walkers[kind])
+            policy = Ensemble(pushed(reading, self.settings))
+            self._walkers[kind] = ImpactSweep(replace(cfg, variants=(Variant(current=0.0),)), policy), policy
+            self._walkers[kind][0].walk_in()
+        walkers, policy = self._walkers[kind]
+        sweep = ImpactSweep(cfg, policy)
+        sweep.begin_with(walkers)
         return sweep.run(again=True)
 
 
@@ -245,6 +262,11 @@ class PushResult:
         return 100.0 * (self.row(cell, amps) / self.row(cell, 0.0) - 1.0)
 
     @property
+    def drop(self) -> float:
+        """Mean onset less minimum height at 0 A [m]."""
+        return float((self.onset - self.cells["min_height"][0]).mean())
+
+    @property
     def monotone(self) -> bool:
         """Whether height rises and speed falls with every step of the current."""
         return all(bool((np.diff([self.row(cell, a).mean() for a in CURRENT_GROUPS]) > 0.0).all()) for cell in CELLS)
@@ -284,13 +306,14 @@ def simulate(job: Job) -> Findings:
     results, traces = [], {}
     for k, reading in enumerate(READINGS):
         job.report(reading.name, (1.0 + k) / (1.0 + len(READINGS)))
-        trace = pusher.push(reading, tuple(reading.variant(amps) for amps in CURRENT_GROUPS), chosen(zeros).duration)
+        duration = DERIVED if reading.derived else chosen(zeros).duration
+        trace = pusher.push(reading, tuple(reading.variant(amps) for amps in CURRENT_GROUPS), duration)
         results.append(
             PushResult(
                 reading=reading,
                 onset=trace.height[0, :, 0],
                 cells=body_extremes(trace),
-                policies=len(settings.impacted),
+                policies=len(pushed(reading, settings)),
                 fell=int(trace.fell.sum()),
             )
         )
@@ -311,8 +334,4 @@ def fallen(fell: np.ndarray, what: str) -> list[str]:
     return [f"{count} of {np.size(fell)} {what} brought the trunk below {impact.FALL_HEIGHT:g} m; their figures count."]
 
 
-EXPERIMENTS = (
-    Experiment(
-        name="pushes", compute=simulate, settings=IMPACTS, files=lambda: networks((AWARE,)), seconds=impacts_time(12.0)
-    ),
-)
+EXPERIMENTS = (Experiment(name="pushes", compute=simulate, settings=IMPACTS, seconds=impacts_time(12.0)),)

@@ -6,9 +6,10 @@ import numpy as np
 
 from mrwarp import paper
 from paper.reproduce.cache import Experiment, Job
-from paper.reproduce.comparison import Findings, compare, over_seeds
+from paper.reproduce.comparison import Findings, compare
 from paper.reproduce.disturbance import drop_trials
 from paper.reproduce.disturbance.drop_trials import COLUMNS
+from paper.reproduce.seeds import over_seeds
 from paper.reproduce.table2 import TRAINED
 from paper.reproduce.verdicts import Claim, Measure, change
 from paper.study.plan import AWARE, CONVENTIONAL

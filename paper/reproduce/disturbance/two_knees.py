@@ -101,6 +101,15 @@ def fall(knees: Knees, current: float, *, step: float = STEP, window: float = 0.
     return Fall(height=lowest, speed=-fastest, torque=most)
 
 
+def half_period() -> float:
+    """Half a period [s] of the body on a spring that the push presses down as far as in the paper's row of 0 A.
+
+    A push that presses so deep lasts about that long, or longer.
+    """
+    drop = Knees().start - paper.TABLE_4["simulation"][0.0]["min_height"].mean
+    return math.pi * math.sqrt(paper.MASS["mr_go"] * drop / (2.0 * paper.PUSH_FORCE))
+
+
 @functools.cache
 def by_zero_row(*, raw: bool, drag: bool) -> Knees:
     """The body whose damping and duration give the paper's row of 0 A, nearest in drop and peak speed."""

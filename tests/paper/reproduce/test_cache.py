@@ -11,7 +11,8 @@ import pytest
 from mrwarp.paper import PaperValue
 from paper.reproduce import cache
 from paper.reproduce.cache import KEPT, Experiment, Job, Runner
-from paper.reproduce.comparison import Comparison, Findings, over_seeds, seeds_of
+from paper.reproduce.comparison import Comparison, Findings
+from paper.reproduce.seeds import over_seeds, seeds_of
 from paper.reproduce.settings import NotYet, Settings
 from paper.reproduce.verdicts import Figure
 

@@ -15,7 +15,8 @@ from mrwarp.trials.walk_figures import Saving
 from mrwarp.trials.walk_trials import WalkResult
 from paper.reproduce import cache, walks
 from paper.reproduce.cache import Job
-from paper.reproduce.comparison import Findings, over_seeds
+from paper.reproduce.comparison import Findings
+from paper.reproduce.seeds import over_seeds
 from paper.reproduce.motors import calf_torque, electrical
 from paper.reproduce.motors.calf_torque import fig8
 from paper.reproduce.settings import Settings
