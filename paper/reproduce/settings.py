@@ -45,7 +45,7 @@ class Settings:
     impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC, SEEDS))
     """Policies of MR_Go-SAL under pushes and falling masses, one per training seed, with the gains of their
     training."""
-    usual_height: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, USUAL_HEIGHT))
+    usual_height: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, USUAL_HEIGHT, (0, 1)))
     """As ``impacted``, trained with the weight of the trunk's height that all other trainings have."""
     aware: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, AWARE))
     """Policies of walks without a price on power: the actuator-aware ones of table 2."""
