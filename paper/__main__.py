@@ -1,4 +1,4 @@
-"""``python -m paper table4``: a table or figure of the paper; ``python -m paper study table2``: a study."""
+"""``python -m paper table4``: a table or figure of the paper; ``python -m paper study train``: its policies."""
 
 import sys
 

@@ -34,8 +34,6 @@ ALLOWED: dict[tuple[str, str], str] = {
     ("benchmarks/perf/measure.py", '"beside"'): "key of result files of `mrwarp perf`",
     ("mrwarp/nn/network_file.py", '"beside"'): "key in the metadata of network files",
     ("mrwarp/diagnose/law_choice.py", "beside"): "key `law.beside` of result.json",
-    ("paper/study/ageing.py", '"told"'): "key of files of the study `ageing`",
-    ("tests/identify/test_monitor.py", '"told"'): "key of files of the study `ageing`",
 }
 """File and a piece of its line that stay, with the reason."""
 NOT_COVERED: tuple[str, ...] = ()

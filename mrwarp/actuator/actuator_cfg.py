@@ -28,4 +28,4 @@ class MrActuatorCfg(DeviceChoice):
     latch: Fixed[float] = 5.0
     """Speed at which a device with ``inputs.command`` that holds lets go, in eps_hold of eq. 8: the gate's hysteresis
     keeps a joint that creeps about the threshold from switching its coil. 1 is the paper's gate; 2 saves nothing, 5
-    saves a watt of 110 (docs/coil_commands.md)."""
+    saves a watt of 110 (docs/beyond.md)."""

@@ -152,7 +152,7 @@ def take_actions(s: WalkState, scale: float, copper: wp.array) -> Launch:
 
 MIDDLE = wp.constant(1.0 / 3.0)
 """Current that a learned action of 0 commands, as a share of I_e: of 1.5 A the best fixed one, 0.5 A
-(docs/coil_commands.md). Actions of -1 and 2 command none and all."""
+(docs/beyond.md). Actions of -1 and 2 command none and all."""
 
 
 @wp.func

@@ -93,7 +93,7 @@ class Experiment:
         """
         modules = (self.compute.__module__, *self.loads)
         rests_on = {
-            "code": code_hash(modules, apart=(*LISTS, *WRITERS)),
+            "code": code_hash(modules, without=(*LISTS, *WRITERS)),
             "settings": {name: _content(getattr(settings, name)) for name in self.settings},
             "files": {
                 f"{path.parent.name}/{path.name}": _content(path) for path in (ASSETS / "mr_go.usda", *self.files())
@@ -102,7 +102,7 @@ class Experiment:
         }
         return {
             "rests_on": _hash(json.dumps(rests_on, sort_keys=True)),
-            "report": code_hash(modules, apart=LISTS),
+            "report": code_hash(modules, without=LISTS),
             "versions": versions(),
             "needs": {name: _hash(json.dumps(keys[name], sort_keys=True)) for name in self.needs},
         }
@@ -225,11 +225,11 @@ def code_hash(
     root: Path = Path(mrwarp.__file__).parents[1],
     packages: Collection[str] = PACKAGES,
     *,
-    apart: Collection[str] = (),
+    without: Collection[str] = (),
 ) -> str:
     """Hash of modules and of all that they import of these packages in ``root``.
 
-    Comments, layout, docstrings, the claims of an entry and imports for types alone do not count. Modules ``apart``,
+    Comments, layout, docstrings, the claims of an entry and imports for types alone do not count. Modules of ``without``,
     and what stands in packages of that name, are neither counted nor followed; of "mrwarp" its public names alone.
     """
     found: dict[str, str] = {}
@@ -238,7 +238,7 @@ def code_hash(
         name = waiting.pop()
         path = root.joinpath(*name.split("."))
         path = next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
-        left_out = any(name == other or ("." in other and name.startswith(f"{other}.")) for other in apart)
+        left_out = any(name == other or ("." in other and name.startswith(f"{other}.")) for other in without)
         if path is not None and name not in found and not left_out:
             found[name], imports = _parse(path)
             waiting += [imported for imported in imports if imported.split(".")[0] in packages]

@@ -236,16 +236,20 @@ def _part_table(part: str, name: str) -> Callable[[Results], str]:
     """A table of an entry, as it printed it."""
 
     def block(found: Results) -> str:
-        if part not in found.parts:
+        try:
+            table = found.table(part, name)
+        except KeyError:
             return f"*Not among the committed figures; `mrwarp reproduce {part}` makes it.*"
-        table = found.table(part, name)
         return f"{table['title']}:\n\n" + _table(list(table["head"]), [list(row) for row in table["rows"]])
 
     return block
 
 
 def _rows_table(part: str) -> Callable[[Results], str]:
-    """All rows of an entry: conditions down, quantities across; ours, with a brake that sticks, and the paper's."""
+    """All rows of an entry: conditions down, quantities across; ours, with a brake that sticks, and the paper's.
+
+    Ours with its SD over seeds, and the standard error by fitted numbers where there are some.
+    """
 
     def block(found: Results) -> str:
         rows = [row for row in found.parts[part]["rows"] if row["paper"] is not None]
@@ -262,7 +266,7 @@ def _rows_table(part: str) -> Callable[[Results], str]:
             if row["condition"].endswith(BRAKE):
                 cells[row["condition"].removesuffix(BRAKE)][row["quantity"]][1] = ours
                 continue
-            star = "\\*" if row["calibrated"] else ""
+            star = "\\*" if row["calibrated"] else f" ± {_number(row['error'], n)}" if row.get("error") else ""
             cells.setdefault(row["condition"], {})[row["quantity"]] = [ours + star, "", theirs]
         titles = {q: f"{q}{f' [{units[q]}]' if units[q] else ''}" for q in quantities}
         shown = (0, 1, 2) if brake else (0, 2)

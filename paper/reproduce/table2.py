@@ -35,7 +35,7 @@ TRAINED = {name: f"{name}: {training}, SAL {'on' if current else 'off'}" for nam
 """Configurations of tables 2 and 5, as their rows call them."""
 
 PAIRS = (TRAINED["A"], TRAINED["C"]), (TRAINED["B"], TRAINED["D"])
-"""What actuator-aware training changes, SAL off and on."""
+"""Trainings that are compared, SAL off and on."""
 
 
 def table2(job: Job) -> Findings:

@@ -10,7 +10,7 @@ import enum
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,12 +56,11 @@ def half_width(parts: Sequence[tuple[float, float]], tests: int = 1) -> float:
         parts: Standard error and its degrees of freedom, of each part.
         tests: Tests that share the level (Bonferroni).
     """
-    variances = [(error**2, free) for error, free in parts if error > 0.0]
-    if not (total := sum(v for v, _ in variances)):
+    if (whole := _sum(parts)) is None:
         return 0.0
-    rest = sum(v**2 / free for v, free in variances)
+    error, free = whole
     quantile = 1.0 - 0.5 * (1.0 - LEVEL) / tests
-    return float(stats.t.ppf(quantile, total**2 / rest) if rest else stats.norm.ppf(quantile)) * math.sqrt(total)
+    return error * float(stats.norm.ppf(quantile) if math.isinf(free) else stats.t.ppf(quantile, free))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,20 +83,28 @@ class Figure:
     """Degrees of freedom behind it."""
     digits: int = 3
     calibrated: bool = False
+    joined: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
+    """Standard error and its degrees of freedom that several rows have together, the paper's and ours, see :func:`pool`
+    and :meth:`minus`; None where the row's own count."""
 
     @property
     def theirs(self) -> list[tuple[float, float]]:
-        """Standard error of the paper's figure, for :func:`half_width`."""
+        """Standard error of the paper's figure and its degrees of freedom, for :func:`half_width`."""
+        if self.joined[0]:
+            return [self.joined[0]]
         if not self.paper_sd:
             return [(STATED * abs(self.paper), math.inf)]
         n = self.paper_n
         return [(self.paper_sd / math.sqrt(n), n - 1) if n and n > 1 else (self.paper_sd, math.inf)]
 
     def own(self, n: int | None = None) -> list[tuple[float, float]]:
-        """Standard errors of ours over ``n`` seeds, or those that there are."""
+        """Standard errors of ours over ``n`` seeds, or those that there are: of the seeds, and of fitted numbers."""
         n = n or self.n
-        seeds = [(self.sd / math.sqrt(n), float(n - 1))] if self.sd and n > 1 else []
-        return [*seeds, (self.error, float(self.error_free))]
+        found = [(self.sd / math.sqrt(n), float(n - 1))] if self.sd and n > 1 else []
+        if self.joined[1]:
+            error, free = self.joined[1]
+            found = [(error * math.sqrt(self.n / n), free * (n - 1) / max(self.n - 1, 1))]
+        return [*found, (self.error, float(self.error_free))]
 
     @property
     def relative(self) -> float:
@@ -110,39 +117,38 @@ class Figure:
         error = math.sqrt(sum(e**2 for e, _ in [*self.theirs, *self.own()]))
         return math.copysign(1.0, self.paper) * (self.ours - self.paper) / error if error else math.nan
 
-    def apart(self, tests: int = 1, n: int | None = None) -> float:
+    def reach(self, tests: int = 1, n: int | None = None) -> float:
         """Half width of the difference of both."""
         return half_width([*self.theirs, *self.own(n)], tests)
 
     def agrees(self, tests: int = 1) -> bool:
         """Whether the difference of both is within its interval; a figure that is not there does not agree."""
-        return abs(self.ours - self.paper) <= self.apart(tests)
+        return abs(self.ours - self.paper) <= self.reach(tests)
 
     def wide(self, kind: str, tests: int = 1) -> bool:
         """Whether that interval is too wide for agreement to say anything, see :data:`WIDE`."""
-        return self.apart(tests) > WIDE[kind] * abs(self.paper)
+        return self.reach(tests) > WIDE[kind] * abs(self.paper)
 
     def minus(self, other: Figure) -> Figure:
-        """The difference of two figures, seed by seed where both have the same seeds.
+        """The difference of two figures, seed by seed where both have the same seeds and that spreads less.
 
         Errors by fitted numbers move both figures together and are left out.
         """
-        theirs = math.hypot(*(error for figure in (self, other) for error, _ in figure.theirs))
-        frees = {figure.paper_n for figure in (self, other) if figure.paper_sd}
-        n = min((n for n in frees if n), default=None)
-        given = {"paper": self.paper - other.paper, "paper_sd": theirs * math.sqrt(n or 1), "paper_n": n}
+        one, two = self.joined[0], other.joined[0]
+        theirs = (math.hypot(one[0], two[0]), one[1]) if one and two else _sum([*self.theirs, *other.theirs])
+        own = _sum([*self.own()[:-1], *other.own()[:-1]])
+        n = max(self.n, other.n)
+        ours = self.ours - other.ours
         if len(self.seeds) == len(other.seeds) > 1:
             each = np.subtract(self.seeds, other.seeds)
-            return Figure(**given, ours=float(each.mean()), sd=float(each.std(ddof=1)), n=len(each))
-        spread = [figure for figure in (self, other) if figure.sd is not None]
-        sd = math.hypot(*(figure.sd or 0.0 for figure in spread)) if spread else None
-        n = min((figure.n for figure in spread), default=1)
-        return Figure(**given, ours=self.ours - other.ours, sd=sd, n=n)
+            paired = (float(each.std(ddof=1)) / math.sqrt(len(each)), float(len(each) - 1))
+            ours, own = float(each.mean()), min(own or paired, paired, key=lambda part: half_width([part]))
+        return Figure(paper=self.paper - other.paper, ours=ours, n=n, joined=(theirs, own))
 
     @property
     def one_value(self) -> bool:
         """Whether ours is a single value whose spread nobody knows."""
-        return self.sd is None and not self.error
+        return self.sd is None and self.joined[1] is None and not self.error
 
     def stated(self, tests: int = 1) -> bool:
         """Whether the paper's figure, an effect, is clear of zero by its own spread."""
@@ -172,6 +178,34 @@ class Figure:
             return None
         counts = (n for n in range(2, MOST_SEEDS) if half_width(self.own(n), tests) < clear)
         return next(counts, MOST_SEEDS)
+
+
+def _sum(parts: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """Standard error of a sum of independent parts and its degrees of freedom, as :func:`half_width` has them."""
+    variances = [(error**2, free) for error, free in parts if error > 0.0]
+    if not variances:
+        return None
+    total, rest = sum(v for v, _ in variances), sum(v**2 / free for v, free in variances)
+    return math.sqrt(total), total**2 / rest if rest else math.inf
+
+
+def pool(figures: Sequence[Figure]) -> list[Figure]:
+    """A claim's rows with the paper's spread of all of them, where these do not differ beyond chance.
+
+    Three repetitions know a spread badly; rows of one quantity know it together. By Bartlett's test of equal spreads.
+    """
+    known = [(f.paper_sd, f.paper_n) for f in figures if f.paper_sd and f.paper_n and f.paper_n > 1]
+    if len(known) < max(len(figures), 2):
+        return list(figures)
+    variances, frees = np.transpose([(sd**2, n - 1.0) for sd, n in known])
+    rest = frees.sum()
+    joint = float(frees @ variances) / rest
+    scale = 1.0 + ((1.0 / frees).sum() - 1.0 / rest) / (3.0 * (len(known) - 1))
+    unequal = (rest * math.log(joint) - float(frees @ np.log(variances))) / scale
+    if unequal > stats.chi2.ppf(LEVEL, len(known) - 1):
+        return list(figures)
+    errors = [(math.sqrt(joint / n), float(rest)) for _, n in known]
+    return [replace(figure, joined=(error, None)) for figure, error in zip(figures, errors, strict=True)]
 
 
 class Results:
@@ -335,8 +369,8 @@ def judge(claim: Claim, found: Results) -> Judged:
     A claim's direction is the sign of its effects, or else of the differences between its levels that the paper
     separates, each tested by the standard errors of both with as many tests as the claim has rows
     (:meth:`Figure.sign`); and the claims of its entry. *Not reproduced*: one of these is excluded, or a lone level,
-    which has no direction, is apart. *Not resolved*: nothing is excluded, but an interval is too wide to decide, the
-    paper's own among them. *Sign agrees*: all have the paper's direction; the size *does not* where a figure is apart,
+    which has no direction, disagrees. *Not resolved*: nothing is excluded, but an interval is too wide to decide, the
+    paper's own among them. *Sign agrees*: all have the paper's direction; the size *does not* where a figure disagrees,
     and is *not resolved* where an interval is wide (:data:`WIDE`). *Reproduced*: every figure agrees as well. What has
     no figure is not reproduced but *as the paper says*. Calibrated figures take no part.
     """
@@ -350,7 +384,7 @@ def _verdict(claim: Claim, found: Results, figures: Sequence[Figure]) -> tuple[V
     """Verdict of a claim by its figures, none of which is calibrated, and the seeds that would resolve it."""
     if claim.excluded:
         return Verdict.EXCLUDED, None
-    rows = len(figures)
+    rows, figures = len(figures), pool(figures)
     pairs = [] if claim.effect else [a.minus(b) for a, b in itertools.combinations(figures, 2)]
     tests = list(figures) if claim.effect else [pair for pair in pairs if pair.stated(rows)]
     signs = [test.sign(rows) for test in tests]

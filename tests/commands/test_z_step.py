@@ -17,9 +17,8 @@ from mrwarp.resources import DEFAULT_POLICY, shipped_model
 from mrwarp.rl.policy_file import read_policy
 from paper.reproduce.disturbance import push_rule
 from paper.reproduce.settings import Settings
-from paper.study import paper_tables
 from paper.study.plan import plant_cfg
-from paper.study.rollouts import EvaluationCfg
+from paper.study.rollouts import STEPS, EvaluationCfg, step_plant
 
 
 @pytest.mark.parametrize("name", ["train", "impact", "walk", "mission", "play"])
@@ -53,8 +52,8 @@ def test_the_paper_is_reproduced_with_its_own_step() -> None:
     reading = push_rule.LITERAL
     pushed = push_rule.config(reading, Settings(), (reading.variant(0.0),), 0.3)
     assert pushed.env.z_step is ZStep.EULER
-    for step in paper_tables.STEPS:
-        env, _ = paper_tables._plant(step, EvaluationCfg(threads=1))
+    for step in STEPS:
+        env, _ = step_plant(step, EvaluationCfg(threads=1))
         assert env.actuator == "none" or env.z_step is ZStep.EULER
     shipped = shipped_model(AWARE)
     assert shipped is not None and network_file.load(shipped).z_step == "euler"

@@ -1,17 +1,34 @@
 """A device's health over calibration records: the share that is left, false alarms, and what is refused."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mrwarp.bench.bench_effects import LOG_DT, SUBSTEPS
+from mrwarp.bench.excitation import FIT_CURRENTS, Excitation
+from mrwarp.bench.virtual_bench import BenchCfg, record
 from mrwarp.cli import main
 from mrwarp.identify.monitor import MonitorCfg, judge, monitor
-from mrwarp.recording.load import RecordingError, save_recording
-from paper.study import ageing
-from paper.study.ageing import AgeingCfg, calibrations, lines, run
-from paper.study.plan import spent
+from mrwarp.params import MrParams
+from mrwarp.recording.load import Recording, RecordingError, save_recording
+
+MOVES = ((0.15, 0.6), (0.10, 1.3))
+"""Amplitudes [rad] and frequencies [Hz] of the sines that a move of 5 s adds up: what a standing knee can do."""
+
+
+def calibrations(count: int, loss: float, rng: np.random.Generator) -> list[Recording]:
+    """Calibrations of a device that has lost so much of its yield: the same move at each current, on the bench."""
+    samples = round(5.0 / LOG_DT)
+    time = np.arange(samples * SUBSTEPS) * LOG_DT / SUBSTEPS
+    q = np.clip(time / 0.5, 0.0, 1.0) ** 2 * sum(a * np.sin(2.0 * np.pi * f * time) for a, f in MOVES)
+    move = [Excitation(id=f"{amps:g}A", kind="sine", q=q, command=np.full(samples, amps)) for amps in FIT_CURRENTS]
+    mr = MrParams()
+    worn = mr.replace(K0=(1.0 - loss) * mr.bouc_wen.K0, K1=(1.0 - loss) * mr.bouc_wen.K1)
+    runs = record(move * count, BenchCfg(params=worn), rng, {"made_by": "a test"}).trajectories
+    size = len(move)
+    return [Recording(trajectories=runs[k * size : (k + 1) * size], header={}) for k in range(count)]
+
 
 NAMES = tuple(f"day-{k:03d}" for k in range(240))
 
@@ -57,26 +74,3 @@ def test_what_is_no_series_of_records_is_refused(tmp_path: Path, capsys: pytest.
         monitor({"a": calibrations(1, 0.0, np.random.default_rng(0))[0]}, MonitorCfg(baseline=5))
     with pytest.raises(ValueError, match="at least 5"):
         MonitorCfg(baseline=2)
-
-
-def test_the_study_counts_false_alarms_and_delays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two healthy days, one loss of a half, noticed at once; a device in the folder is not followed again."""
-    cfg = AgeingCfg(devices=1, days=2, losses=(0.5,), follow=2, monitor=MonitorCfg(baseline=6, horizon=5))
-    found = run(cfg, tmp_path)
-    assert found["losses"]["0.5"]["records"] == [1] and len(found["healthy"]["alarms"]) == 1
-    assert "noticed" in lines(found)[1]
-    assert spent(tmp_path)["measuring"] > 0.0 == spent(tmp_path)["training"]
-    monkeypatch.setattr(
-        ageing,
-        "follow",
-        lambda _, device, __: {
-            "alarms": {"yield": 3},
-            "losses": {"0.5": {"records": None, "told": 0.0}},
-            "series": {},
-        },
-    )
-    more = run(replace(cfg, devices=2), tmp_path)
-    assert more["losses"]["0.5"]["records"] == [1, None] and more["losses"]["0.5"]["noticed"]["share"] == 0.5
-    assert more["healthy"]["share"]["share"] == 0.5 * (1 + bool(found["healthy"]["alarms"][0]))
-    with pytest.raises(ValueError, match="other choices"):
-        run(replace(cfg, days=3), tmp_path)

@@ -32,11 +32,6 @@ MISSPELT = {
     "verify": "--policy none.onnx",
     "replay-dump": "none.safetensors",
     "sweep": "--out o --command fit --grid seed=0,1 -- none",
-    "study table2": "--policies none",
-    "study fig5": "--policies none",
-    "study pushes": "--policies none",
-    "study limits": "--policies none",
-    "study release": "--policies none",
     "study train": "--start-from none",
     "asset show": "none.usda",
     "asset set": "none.usda FL_calf K1 1",
@@ -69,7 +64,7 @@ def test_every_path_is_known_as_input_or_output() -> None:
 def test_every_command_that_reads_is_tried() -> None:
     """But for those that make something of nothing, or read what has a name of its own."""
     reads = {name for name, own in COMMANDS if INPUTS.keys() & option_types(own.load()).keys()}
-    assert reads - set(MISSPELT) == {"study table3", "study causes", "study quality"}  # as table2
+    assert reads <= set(MISSPELT)
 
 
 @pytest.mark.parametrize("command", MISSPELT)

@@ -65,19 +65,27 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def test_settings_refuse_robots_with_different_numbers_of_policies() -> None:
-    """Those that paid a high price too: a reduction compares seeds of both robots."""
-    high = Settings().high
-    with pytest.raises(ValueError, match="high: name the same number of policies, at least one, for every robot"):
-        Settings(high={**high, "go1": high["go1"][:1]})
-
-
 @pytest.mark.parametrize("length", [0.0, math.nan, math.inf])
 @pytest.mark.parametrize("name", ["distance", "window"])
 def test_settings_refuse_lengths_that_end_no_walk(name: str, length: float) -> None:
     """From Python too, whichever of the two it is."""
     with pytest.raises(ValueError, match=f"{name} = {length} m"):
         Settings(**{name: length})
+
+
+@pytest.mark.parametrize(
+    ("words", "instead"),
+    [
+        (["reproduce", "predictions"], "docs/beyond.md"),
+        (["reproduce", "table6", "electrical"], "a table of 'mrwarp reproduce table6'"),
+        (["study", "table2"], "mrwarp reproduce table2"),
+        (["study", "limits"], "docs/beyond.md"),
+    ],
+)
+def test_what_is_gone_says_where_it_is_now(words: list[str], instead: str, capsys: pytest.CaptureFixture) -> None:
+    """One line, exit code 2; a folder of that name is no word of a command."""
+    assert main([*words, "--out", "x"]) == 2
+    assert capsys.readouterr().err.endswith(f"{words[-1]} is gone; see {instead}\n")
 
 
 def test_catalogue_is_ordered_and_described() -> None:
@@ -102,7 +110,7 @@ def test_stopped_run_leaves_a_report(
 
     monkeypatch.setitem(catalogue.CATALOGUE, "walks", replace(catalogue.CATALOGUE["walks"], compute=stop))
     assert main(["reproduce", "table6", "--out", str(tmp_path)]) == 130
-    assert capsys.readouterr().out.startswith("to make: walks 4 min, table6 1 s; about 4 min on two idle cores")
+    assert capsys.readouterr().out.startswith("to make: walks 2 min, table6 1 s; about 3 min on two idle cores")
     assert json.loads((tmp_path / "result.json").read_text())["parts"]["table6"]["status"] == "not run"
     assert "not run" in (tmp_path / "report.md").read_text()
 

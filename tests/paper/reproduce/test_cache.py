@@ -1,7 +1,6 @@
 """The runner: what changed is made again, failures stay alone, a stopped run goes on, damaged results are not used."""
 
 import json
-import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from paper.reproduce.cache import KEPT, Experiment, Job, Runner
 from paper.reproduce.comparison import Comparison, Findings
 from paper.reproduce.seeds import over_seeds, seeds_of
 from paper.reproduce.settings import NotYet, Settings
-from paper.reproduce.verdicts import Figure
 
 CALLS: list[str] = []
 
@@ -108,16 +106,17 @@ def test_runner_makes_it_again_when_the_code_or_an_input_changed(tmp_path: Path,
     """The hash of the code and of the files belongs to the key."""
     run(tmp_path, reader)
     real = cache.code_hash
-    monkeypatch.setattr(cache, "code_hash", lambda module: real(module) + "x")
+    monkeypatch.setattr(cache, "code_hash", lambda modules, **without: real(modules, **without) + "x")
     run(tmp_path, reader)
     assert CALLS == ["base", "reader"] * 2
     data = tmp_path / "input"
     hashes = []
+    monkeypatch.undo()
     for text in ("a", "b"):
         data.write_text(text)
         experiment = replace(catalogue()["base"], files=lambda: (data,))
         hashes.append(experiment.key(Settings(), {}))
-    assert hashes[0]["files"] != hashes[1]["files"]
+    assert hashes[0]["rests_on"] != hashes[1]["rests_on"]
 
 
 def test_one_failure_loses_nothing_else(tmp_path: Path) -> None:
@@ -213,28 +212,29 @@ def test_order_puts_needs_first(tmp_path: Path) -> None:
         runner.run(["nothing"])
 
 
-def test_code_hash_ignores_comments_and_sees_what_is_imported(tmp_path: Path) -> None:
-    """Comments and layout do not count; a constant of a module imported in a function does."""
+def test_code_hash_counts_what_a_figure_can_depend_on(tmp_path: Path) -> None:
+    """Words do not count; a constant of a module imported in a function does, unless it is without or for types alone."""
     root = tmp_path / "pack"
-    root.mkdir()
-    for name, text in {
-        "__init__": "",
-        "a": '"""A."""\ndef f():\n    from pack import b\n    return b.X\n',
-        "b": "X = 1\n",
-        "c": "Y = 1\n",
-    }.items():
-        (root / f"{name}.py").write_text(text)
+    (root / "laws").mkdir(parents=True)
+    first_a = '"""A."""\ndef f():\n    """F."""\n    from pack import b\n    return b.X\n\nCLAIMS = ("one",)\n'
+    texts = {"__init__": "", "a": first_a, "b": "X = 1\n", "c": "Y = 1\n", "laws/l": "Z = 1\n"}
 
-    def now() -> str:
+    def now(*more: str, without: tuple[str, ...] = (), **changed: str) -> str:
+        for name, text in {**texts, **changed}.items():
+            (root / f"{name}.py").write_text(text)
         cache._parse.cache_clear()
-        return cache.code_hash("pack.a", root.parent, ("pack",))
+        return cache.code_hash(("pack.a", *more), tmp_path, ("pack",), without=without)
 
-    first = now()
-    (root / "a.py").write_text('"""A."""\ndef f():  # why\n\n    from pack import b\n    return (b.X)\n')
-    (root / "c.py").write_text("Y = 2\n")
-    assert now() == first
-    (root / "b.py").write_text("X = 2\n")
-    assert now() != first
+    same = (
+        first_a.replace("A.", "B.").replace("F.", "G.").replace("one", "two").replace("return b.X", "return (b.X)  # x")
+    )
+    types = f"from typing import TYPE_CHECKING\n{first_a}"
+    assert now() == now(a=same, c="Y = 2\n")
+    assert now(a=types) == now(a=f"{types}if TYPE_CHECKING:\n    from pack import c\n", c="Y = 2\n")
+    assert now() != now(b="X = 2\n") and now() != now(a=first_a.replace("b.X", "-b.X"))
+    assert now(without=("pack.b",)) == now(without=("pack.b",), b="X = 2\n")
+    loaded = {**texts, "laws/l": "Z = 2\n"}
+    assert now() == now(**loaded) and now("pack.laws") != now("pack.laws", **loaded)
 
 
 def test_rollouts_are_averaged_within_each_seed_first() -> None:
@@ -249,18 +249,6 @@ def test_rollouts_are_averaged_within_each_seed_first() -> None:
     assert over_seeds(values, seeds_of(np.arange(6), 3))["n"] == 3
     assert over_seeds(values)["n"] == 5
     assert (single["ours"], single["n"]) == (pytest.approx(74.0), 6)
-
-
-def test_differences_are_in_units_of_the_joint_spread() -> None:
-    """(3 - 1)/sqrt(0.3^2 + 0.4^2) = 4; without any spread the 5 % rule decides."""
-    assert Figure(paper=1.0, paper_sd=0.3, ours=3.0, sd=0.4).in_sd == pytest.approx(4.0)
-    assert Figure(paper=-1.0, paper_sd=0.3, ours=-3.0, sd=0.4).in_sd == pytest.approx(4.0)
-    bare = Figure(paper=-2.0, ours=-2.05)
-    assert math.isnan(bare.in_sd) and bare.relative == pytest.approx(0.025)
-    row = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.3), ours=3.0, sd=0.4)
-    assert row.differs and not replace(row, ours=1.4).differs
-    row = replace(row, paper=PaperValue(mean=-2.0), sd=None, ours=-2.05)
-    assert not row.differs and replace(row, ours=-2.2).differs and replace(row, ours=math.nan).differs
 
 
 @dataclass

@@ -8,115 +8,143 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
+from scipy import stats
 
 from mrwarp.paper import PaperValue
-from paper.reproduce import contents, pages, report_page
+from paper.reproduce import contents, pages, report_page, verdicts
 from paper.reproduce.cache import Experiment
 from paper.reproduce.comparison import Findings, compare
-from paper.reproduce.contents import Mark
 from paper.reproduce.registry import CATALOGUE, CLAIMS, judge_all
-from paper.reproduce.verdicts import (
-    BY_EFFECT,
-    Claim,
-    Figure,
-    Judged,
-    Results,
-    Verdict,
-    by_effect,
-    change,
-    judge,
-    rows,
-)
+from paper.reproduce.verdicts import BY_EFFECT, Claim, Figure, Judged, Results, Verdict, by_effect, change, judge, rows
+
+Cell = tuple[str, float, float | None, float, float | None]
+"""Condition, the paper's figure and SD, ours and SD."""
 
 
-def results(
-    *cells: tuple[str, float, float | None, float, float | None], part: str = "part", holds: bool = True, **more: object
-) -> Results:
-    """Rows by condition, the paper's figure and SD, ours and SD over three seeds; ``more`` of every row."""
+def results(*cells: Cell, part: str = "part", holds: bool = True, n: int = 3, **more: object) -> Results:
+    """Rows over ``n`` seeds, the paper's over ten; ``more`` of every row."""
     made = [
         {
             "condition": name,
             "quantity": "x",
-            "paper": {"mean": theirs, "sd": sd},
+            "paper": {"mean": theirs, "sd": sd, "n": 10},
             "ours": ours,
             "sd": spread,
-            "n": 3,
+            "n": n if spread is not None else 1,
             "digits": 3,
             "calibrated": False,
             **more,
         }
         for name, theirs, sd, ours, spread in cells
     ]
-    entry = {"rows": made, "claims": {"it holds": holds}, "claim_ids": {"it": "it holds"}}
+    entry = {"rows": made, "claims": {"it holds": holds}, "claim_ids": {"it": "it holds"}, "tables": []}
     return Results({part: {**entry, "reasons": {"drop/reasoned": "as the run says"}}})
 
 
-def claim(name: str = "drop/a", **given) -> Claim:
-    """A claim on the rows a and b."""
-    given = {"measure": rows("part", "x", "a", "b"), **given}
+def claim(name: str = "drop/a", *conditions: str, **given) -> Claim:
+    """A claim on the rows a and b, or on these."""
+    given = {"measure": rows("part", "x", *(conditions or ("a", "b"))), **given}
     return Claim(id=name, place="", says="", **given)
 
 
-EFFECT = {"effect": True, "measure": rows("part", "x", "a")}
+EFFECT = claim("drop/a", "a", effect=True)
+
+
+def test_intervals_are_welchs_with_a_test_for_every_row() -> None:
+    """Against SciPy's of two samples; four tests share the level; errors of fitted numbers join the seeds'."""
+    a, b = np.array([1.0, 2.0, 4.0]), np.array([0.5, 0.6, 0.4, 0.9])
+    figure = Figure(paper=a.mean(), paper_sd=a.std(ddof=1), paper_n=3, ours=b.mean(), sd=b.std(ddof=1), n=4)
+    for tests in (1, 4):
+        bounds = stats.ttest_ind(a, b, equal_var=False).confidence_interval(1.0 - 0.05 / tests)
+        assert figure.reach(tests) == pytest.approx(0.5 * (bounds.high - bounds.low))
+    fitted = Figure(paper=1.0, ours=2.0, sd=0.3, n=3, error=0.4, error_free=2)
+    free = (0.03 + 0.16) ** 2 / (0.03**2 / 2 + 0.16**2 / 2)
+    assert verdicts.half_width(fitted.own()) == pytest.approx(stats.t.ppf(0.975, free) * 0.19**0.5)
+    assert verdicts.half_width([]) == 0.0
+
+
+def test_the_papers_rows_share_their_spread_unless_it_differs() -> None:
+    """Against SciPy's Bartlett test of samples; three each, of which one may be wide by chance but not tenfold."""
+    rng = np.random.default_rng(0)
+    for widths, equal in (((1.0, 1.0, 1.0, 1.0), True), ((1.0, 1.0, 1.0, 100.0), False)):
+        samples = [width * rng.standard_normal(3) for width in widths]
+        assert (stats.bartlett(*samples).pvalue > 0.05) == equal
+        rows = [Figure(paper=1.0, paper_sd=float(x.std(ddof=1)), paper_n=3, ours=1.0) for x in samples]
+        own, shared = ([row.theirs[0] for row in each] for each in (rows, verdicts.pool(rows)))
+        pooled = (float(np.sqrt(np.mean([x.var(ddof=1) for x in samples]) / 3)), 8.0)
+        np.testing.assert_allclose(shared, [pooled] * 4 if equal else own)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours", "verdict"),
+    [
+        ((-10.0, 1.0), (-10.0, 1.0), Verdict.REPRODUCED),
+        ((-10.0, 1.0), (-5.0, 1.0), Verdict.DIRECTION),
+        ((-10.0, 10.0), (-8.0, 1.0), Verdict.SIGN),  # ± 7.4: agrees with half of it and with all of it
+        ((-10.0, 1.0), (-5.0, 9.0), Verdict.UNRESOLVED),  # ± 22: zero and the paper's −10 lie in it
+        ((-10.0, 1.0), (+8.0, 9.0), Verdict.UNRESOLVED),
+        ((-10.0, 1.0), (-0.1, 1.0), Verdict.NOT),  # ± 2.5: too small, of either sign
+        ((-10.0, 1.0), (+8.0, 1.0), Verdict.NOT),
+        ((-49.3, 95.9), (-49.3, 1.0), Verdict.UNRESOLVED),  # ± 69: the paper's own interval holds zero
+        ((-10.0, 1.0), (-10.0, None), Verdict.UNRESOLVED),  # one value is no sign
+    ],
+)
+def test_effects(theirs: tuple[float, float], ours: tuple[float, float | None], verdict: Verdict) -> None:
+    """By the standard errors of both, ten trials of the paper's and three seeds of ours."""
+    judged = judge(EFFECT, results(("a", *theirs, *ours)))
+    assert judged.verdict is verdict
+    assert verdict is Verdict.UNRESOLVED or judged.needed is None
+
+
+def test_more_rows_are_more_tests() -> None:
+    """An effect that one row resolves is not resolved among six: by chance one of them would be."""
+    cells = [(name, -10.0, 1.0, -3.0, 1.0) for name in "abcdef"]
+    assert judge(claim("x", "a", effect=True), results(*cells)).verdict is Verdict.DIRECTION
+    assert judge(claim("x", *"abcdef", effect=True), results(*cells)).verdict is Verdict.NOT
+    wider = [(name, -10.0, 1.0, -10.0, 3.5) for name in "abcdef"]
+    assert judge(claim("x", "a", effect=True), results(*wider)).verdict is Verdict.SIGN
+    assert judge(claim("x", *"abcdef", effect=True), results(*wider)).verdict is Verdict.UNRESOLVED
 
 
 @pytest.mark.parametrize(
     ("ours", "verdict"),
-    [((1.0, 2.1), Verdict.REPRODUCED), ((1.0, 3.0), Verdict.DIRECTION), ((2.0, 1.0), Verdict.NOT)],
+    [((1.0, 2.1), Verdict.REPRODUCED), ((1.0, 4.0), Verdict.DIRECTION), ((2.0, 1.0), Verdict.NOT)],
 )
 def test_levels_are_judged_by_agreement_then_by_order(ours: tuple[float, float], verdict: Verdict) -> None:
-    """The paper's two figures differ by more than their spread: their order is the direction."""
-    found = results(("a", 1.0, 0.1, ours[0], 0.1), ("b", 2.0, 0.1, ours[1], 0.1))
+    """The paper's two figures differ by more than chance: their order is the direction."""
+    found = results(("a", 1.0, 0.1, ours[0], 0.1), ("b", 2.0, 0.1, ours[1], 0.1), n=5)
     assert judge(claim(), found).verdict is verdict
-    assert judge(claim(), found).mark is Mark.PREDICTED
 
 
-def test_a_lone_level_that_disagrees_is_not_reproduced() -> None:
-    """It has no direction; within 5 % it agrees where the paper states no spread."""
-    lone = claim(measure=rows("part", "x", "a"))
-    assert judge(lone, results(("a", 1.0, None, 1.2, 0.5))).verdict is Verdict.NOT
+def test_a_lone_level_has_no_direction() -> None:
+    """Far away it is not reproduced, near it is; with a wide interval nothing is resolved."""
+    lone = claim("drop/a", "a")
+    assert judge(lone, results(("a", 1.0, None, 1.3, 0.05))).verdict is Verdict.NOT
     assert judge(lone, results(("a", 1.0, None, 1.04, None))).verdict is Verdict.REPRODUCED
+    assert judge(lone, results(("a", 1.0, 0.1, 1.3, 0.5))).verdict is Verdict.UNRESOLVED
 
 
-def test_effects_are_judged_by_sign_and_named_claims() -> None:
-    """A change of the other sign is not reproduced, nor is one whose entry says that the claim fails."""
-    named = claim(effect=True, holds=(("part", "it"),), measure=change("part", "x", ("a", "b")))
-    lower = results(("a", 2.0, None, 4.0, None), ("b", 1.0, None, 3.9, None))
-    assert judge(named, lower).verdict is Verdict.DIRECTION
-    assert judge(named, lower).figures[0].ours == pytest.approx(-2.5)
-    higher = results(("a", 2.0, None, 4.0, None), ("b", 1.0, None, 4.1, None))
-    assert judge(named, higher).verdict is Verdict.NOT
-    missed = results(("a", 2.0, None, 4.0, None), ("b", 1.0, None, 2.0, None), holds=False)
-    assert judge(named, missed).verdict is Verdict.NOT
-
-
-@pytest.mark.parametrize(
-    ("ours", "sd", "verdict"),
-    [
-        (-10.0, 1.0, Verdict.REPRODUCED),
-        (-5.0, 1.0, Verdict.DIRECTION),
-        (-5.0, 9.0, Verdict.UNRESOLVED),  # ± 22: zero and the paper's −10 lie in it
-        (+8.0, 9.0, Verdict.UNRESOLVED),
-        (-0.1, 1.0, Verdict.NOT),  # ± 2.5: too small, of either sign
-        (+8.0, 1.0, Verdict.NOT),
-    ],
-)
-def test_what_seeds_cannot_tell_is_unresolved(ours: float, sd: float, verdict: Verdict) -> None:
-    """By the 95 % interval of three seeds, 2.48 SD: neither the other sign nor agreement may be claimed within it."""
-    judged = judge(claim(**EFFECT), results(("a", -10.0, None, ours, sd)))
-    assert judged.verdict is verdict
-    assert (judged.needed is not None) == (verdict is Verdict.UNRESOLVED)
+def test_named_claims_have_to_hold_and_are_no_reproduction_without_a_figure() -> None:
+    """One that fails is not reproduced; one that holds is as the paper says, in words."""
+    cell = ("a", -10.0, 1.0, -10.0, 1.0)
+    named, words = (claim("x", "a", effect=True, holds=(("part", "it"),), **more) for more in ({}, {"measure": None}))
+    assert judge(named, results(cell)).verdict is Verdict.REPRODUCED
+    assert judge(words, results(cell)).verdict is Verdict.WORDS
+    assert {judge(each, results(cell, holds=False)).verdict for each in (named, words)} == {Verdict.NOT}
 
 
 def test_it_says_how_many_seeds_would_tell() -> None:
-    """So many that an interval is narrower than the paper's effect: 15 of them have t = 2.14."""
-    judged = judge(claim(**EFFECT), results(("a", -10.0, None, -5.0, 9.0)))
-    assert judged.needed == 15
-    assert 2.0 * judged.figures[0].half_width(15) < 10.0 <= 2.0 * judged.figures[0].half_width(14)
-    assert pages.claim_row(judged)[-2] == "unresolved: 15 seeds would decide"
-    never = judge(claim(**EFFECT), results(("a", -0.01, None, -5.0, 900.0)))
-    assert pages.claim_row(never)[-2] == "unresolved: more than 10000 seeds would decide"
+    """So many that an interval is narrower than the paper's effect; none where the paper's own is too wide."""
+    judged = judge(EFFECT, results(("a", -10.0, 1.0, -5.0, 9.0)))
+    assert judged.needed == 15  # of which t is 2.14
+    assert pages.claim_row(judged)[-2] == "not resolved: 15 seeds would decide"
+    never = judge(EFFECT, results(("a", -0.01, 0.001, -5.0, 900.0)))
+    assert pages.claim_row(never)[-2] == "not resolved: more than 10000 seeds would decide"
+    theirs = judge(EFFECT, results(("a", -10.0, 90.0, -5.0, 9.0)))
+    fitted = judge(EFFECT, results(("a", -10.0, 1.0, -5.0, 9.0), error=9.0, error_free=2))
+    assert theirs.needed is None is fitted.needed and pages.claim_row(theirs)[-2] == "not resolved"
 
 
 def test_levels_of_the_same_seeds_are_separated_seed_by_seed() -> None:
@@ -126,71 +154,61 @@ def test_levels_of_the_same_seeds_are_separated_seed_by_seed() -> None:
     found = results(*cells)
     for row, begin in zip(found.parts["part"]["rows"], (0.0, 1.0), strict=True):
         row["seeds"] = [begin + 0.0, begin + 2.0, begin + 4.01]
-    assert judge(claim(), found).verdict is Verdict.REPRODUCED
+    assert judge(claim(), found).verdict is Verdict.SIGN
+
+
+def test_a_difference_keeps_the_spread_that_there_is() -> None:
+    """A standing robot has one value for all seeds, a walking one five: their difference has the latter's."""
+    standing, walking = Figure(paper=52.0, ours=53.0), Figure(paper=198.0, ours=191.0, sd=5.0, n=5)
+    assert walking.minus(standing).own() == walking.own()
+    assert (
+        not any(error for error, _ in standing.minus(standing).own())
+        and standing.minus(standing).sign() is Verdict.UNRESOLVED
+    )
 
 
 def test_calibrated_figures_are_neither_hit_nor_miss() -> None:
     """A claim of them alone is calibrated, however far it is off; next to others they take no part."""
     fitted = judge(claim(), results(("a", 1.0, None, 5.0, None), ("b", 2.0, None, 1.0, None), calibrated=True))
-    assert fitted.verdict is Verdict.CALIBRATED and fitted.mark is Mark.CALIBRATED
-    assert pages.claim_row(fitted)[-3:-1] == ["calibrated", ""]
-    mixed = results(("a", 1.0, None, 5.0, None), ("b", 2.0, None, 2.0, None))
+    assert fitted.verdict is Verdict.CALIBRATED and pages.claim_row(fitted)[-2] == "calibrated"
+    mixed = results(("a", 1.0, None, 5.0, None), ("b", 2.0, None, 2.0, 0.01))
     mixed.parts["part"]["rows"][0]["calibrated"] = True
     assert judge(claim(), mixed).verdict is Verdict.REPRODUCED
 
 
 def test_one_effect_counts_once_by_its_worst_claim() -> None:
     """Two claims on one effect, one on another, and two that are none: a calibrated one and a contradiction."""
-
-    def judged(name: str, verdict: Verdict, mark: Mark = Mark.PREDICTED) -> Judged:
-        return Judged(claim=claim(name), figures=(), verdict=verdict, mark=mark)
-
-    counted = by_effect(
-        [
-            judged("drop/height", Verdict.REPRODUCED),
-            judged("drop/speed", Verdict.UNRESOLVED),
-            judged("torque", Verdict.DIRECTION),
-            judged("power/fit", Verdict.CALIBRATED, Mark.CALIBRATED),
-            judged("paper.odd", Verdict.EXCLUDED),
-            judged("saving", Verdict.NOT, Mark.IN_VIEW),
-        ]
+    found = {
+        "drop/height": Verdict.REPRODUCED,
+        "drop/speed": Verdict.UNRESOLVED,
+        "torque": Verdict.DIRECTION,
+        "power/fit": Verdict.CALIBRATED,
+        "paper.odd": Verdict.EXCLUDED,
+        "saving": Verdict.NOT,
+    }
+    counted = by_effect([Judged(claim=claim(name), figures=(), verdict=v) for name, v in found.items()])
+    assert {v: n for v, n in counted.items() if n} == dict.fromkeys(
+        (Verdict.DIRECTION, Verdict.UNRESOLVED, Verdict.NOT), 1
     )
-    assert counted[Mark.PREDICTED] == dict(zip(BY_EFFECT, (0, 1, 1, 0), strict=True))
-    assert counted[Mark.IN_VIEW] == dict(zip(BY_EFFECT, (1, 0, 0, 0), strict=True))
+    assert set(counted) == set(BY_EFFECT)
 
 
-def test_spread_of_a_change_is_that_of_a_ratio() -> None:
-    """10 % of either figure is 14 % of their ratio."""
+def test_a_change_has_the_spread_of_a_ratio_or_is_each_seeds_own() -> None:
+    """10 % of either figure is 14 % of their ratio; paired seeds that lose a tenth each have no spread, and a sign."""
     found = results(("a", 2.0, 0.2, 2.0, 0.2), ("b", 1.0, 0.1, 1.0, 0.1))
-    figure = change("part", "x", ("a", "b"))(found)[0]
-    assert figure.sd == pytest.approx(50.0 * 0.02**0.5)
-
-
-def test_a_paired_change_is_each_seeds_own() -> None:
-    """Seeds that differ by a factor of four lose a tenth each: no spread, and a sign; without them nothing is known."""
+    assert change("part", "x", ("a", "b"))(found)[0].sd == pytest.approx(50.0 * 0.02**0.5)
     found = results(("a", 2.0, 0.2, 2.3, 1.5), ("b", 1.8, 0.1, 2.1, 1.4))
     first, second = found.parts["part"]["rows"]
     assert change("part", "x", ("a", "b"), paired=True)(found)[0].sd is None
-    first["seeds"], second["seeds"] = (1.0, 2.0, 4.0), (0.9, 1.8, 3.6)
+    first["seeds"], second["seeds"] = (1.0, 2.0, 4.0), (0.9, 1.8, 3.6001)
     figure = change("part", "x", ("a", "b"), paired=True)(found)[0]
-    assert (figure.ours, figure.sd) == (pytest.approx(-10.0), pytest.approx(0.0, abs=1e-9))
-    assert figure.sign() is Verdict.DIRECTION
-    assert change("part", "x", ("a", "b"))(found)[0].sign() is not Verdict.DIRECTION
+    assert (figure.ours, figure.sd) == (pytest.approx(-10.0, abs=1e-2), pytest.approx(0.0, abs=1e-2))
+    assert figure.sign() is Verdict.SIGN and change("part", "x", ("a", "b"))(found)[0].sign() is not Verdict.SIGN
 
 
-def test_a_difference_without_a_spread_has_none() -> None:
-    """Its sign is taken as it stands."""
-    one, two = (Figure(paper=value, ours=value) for value in (1.0, 2.0))
-    assert two.minus(one).sd is None and two.minus(one).sign() is Verdict.DIRECTION
-
-
-def test_contradictions_of_the_paper_need_no_figure() -> None:
-    """They are excluded with any result."""
+def test_contradictions_and_reasons() -> None:
+    """The former are excluded with any result; an entry's reason goes before the written one."""
     assert judge(claim(measure=None, excluded=True), results()).verdict is Verdict.EXCLUDED
-
-
-def test_the_entrys_reason_goes_before_the_written_one() -> None:
-    """It has the figures of the run; a claim of which it says nothing keeps its own."""
     found = results(("a", 1.0, 0.1, 1.0, 0.1), ("b", 2.0, 0.1, 2.0, 0.1))
     assert judge(claim("drop/reasoned", why="as written"), found).why == "as the run says"
     assert judge(claim("drop/other", why="as written"), found).why == "as written"
@@ -198,26 +216,26 @@ def test_the_entrys_reason_goes_before_the_written_one() -> None:
 
 def test_unknown_rows_claims_and_tables_are_named() -> None:
     """A claim whose row was renamed is no silent gap; a sentence is no identifier."""
+    found = results(("a", 1.0, None, 1.0, None))
     with pytest.raises(KeyError, match="no row 'b'"):
-        results(("a", 1.0, None, 1.0, None)).row("part", "b", "x")
+        found.row("part", "b", "x")
     with pytest.raises(KeyError, match="no claim 'it holds'"):
-        results().holds("part", "it holds")
+        found.holds("part", "it holds")
     with pytest.raises(KeyError, match="no table 'grid'"):
-        Results({"part": {"tables": [{"title": "grid", "id": ""}]}}).table("part", "grid")
+        found.table("part", "grid")
 
 
 def test_a_table_is_its_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file with an experiment and a claim, and its line among the contents: it is made, judged, and marked."""
+    """A file with an experiment and a claim, and its line among the contents: it is made and judged."""
     toy = ModuleType("paper.reproduce.toy")
     made, about = Experiment(name="table9", compute=lambda job: Findings()), rows("table9", "x", "a")
     vars(toy).update(EXPERIMENTS=(made,), CLAIMS=(Claim(id="toy.x", place="Table 9", says="x", measure=about),))
     monkeypatch.setitem(sys.modules, toy.__name__, toy)
-    monkeypatch.setitem(contents.CONTENTS, "table9", contents.Entry("toy", "Table 9: x", Mark.PREDICTED))
+    monkeypatch.setitem(contents.CONTENTS, "table9", contents.Entry("toy", "Table 9: x"))
     registry = runpy.run_path(str(Path(contents.__file__).with_name("registry.py")))
     assert registry["CATALOGUE"]["table9"] is made
     found = registry["judge_all"](results(("a", 1.0, None, 1.01, None), part="table9"))
-    [judged] = [each for each in found if each.claim.entry == "table9"]
-    assert (judged.verdict, judged.mark) == (Verdict.REPRODUCED, Mark.PREDICTED)
+    assert [each.verdict for each in found if each.claim.entry == "table9"] == [Verdict.REPRODUCED]
 
 
 def test_every_claim_stands_in_the_file_that_makes_its_entry() -> None:
@@ -233,32 +251,28 @@ def test_every_claim_stands_in_the_file_that_makes_its_entry() -> None:
 @pytest.mark.parametrize("share", [0.8, 0.96, 1.0, 1.04, 1.3, -0.5])
 def test_rows_and_claims_are_compared_by_one_rule(paper: float, sd: float | None, share: float) -> None:
     """A row of the report and a claim's figure agree or not together; a difference is positive if ours is larger."""
-    row = compare("a", ("x", "", 3), PaperValue(mean=paper, sd=sd), {"ours": share * paper, "sd": sd})
+    row = compare("a", ("x", "", 3), PaperValue(mean=paper, sd=sd, n=10), {"ours": share * paper, "sd": sd, "n": 3})
     found = results(("a", paper, sd, share * paper, sd)).row("part", "a", "x")
-    assert row.differs is not found.agrees
-    assert found.relative == pytest.approx(share - 1.0)
+    assert row.differs is not found.agrees()
     shown = report_page.cells(row)
     assert shown[4] == f"{100.0 * (share - 1.0):+.1f} %"
-    half = 0.05 + 1e-9  # of one decimal
-    assert sd is None or float(shown[5]) == pytest.approx((share - 1.0) * abs(paper) / (sd * 2.0**0.5), abs=half)
+    error = 0.05 * abs(paper) if sd is None else sd * (1 / 10 + 1 / 3) ** 0.5
+    assert float(shown[5]) == pytest.approx((share - 1.0) * abs(paper) / error, abs=0.05 + 1e-9)  # of one decimal
 
 
 def test_every_claim_finds_its_rows() -> None:
     """In the committed results; each has an identifier of its own, a verdict and a sentence."""
-    parts = pages.read()["parts"]
-    found = judge_all(Results(parts))
-    assert len(found) == sum(claim.entry in {"", *parts} for claim in CLAIMS)
+    found = judge_all(Results(pages.read()["parts"]))
+    assert len(found) == len(CLAIMS)
     assert all(judged.why.endswith((".", "?")) for judged in found)
     assert max(Counter(claim.id for claim in CLAIMS).values()) == 1
-    marks = {(j.claim.about, j.mark) for j in found if j.verdict in BY_EFFECT}
-    assert max(Counter(about for about, _ in marks).values()) == 1, "an effect that is both predicted and in view"
 
 
 def test_readme_compares_in_three_sentences() -> None:
-    """All effects are counted, by verdict; it says how many were predicted, and where each claim stands."""
+    """All effects are counted, by verdict; it says that none was predicted, and where each claim stands."""
     found = Results(pages.read()["parts"])
     text = pages.BLOCKS["readme"](found)
     assert len(re.findall(r"\.(?= |$)", re.sub(r"\]\([^)]*\)", "]", text))) == 3
-    total, *parts = (int(n) for n in re.findall(r"(\d+) (?:physical|reproduced|with|not)", text))
-    assert sum(parts) == total == sum(sum(n.values()) for n in by_effect(judge_all(found)).values())
+    total = re.search(r"about (\d+) physical", text)
+    assert total is not None and int(total[1]) == sum(by_effect(judge_all(found)).values())
     assert "(docs/reproduce.md)" in text and "predicted" in text

@@ -23,19 +23,8 @@ def test_figure4_judges_by_the_papers_claims_and_draws(tmp_path: Path) -> None:
     assert all(fig4.judge(rows).values())
     equal = {**rows, "lstm": learn.summary({**errors["lstm"], 1.2: [0.41] * 10})}
     assert not fig4.judge(equal)["pg_rlstm_lowest_at_each_current"]
-    fig4.plot({"1": rows, "2": rows}, tmp_path / "figure4.png")
+    fig4.plot(rows, tmp_path / "figure4.png")
     assert (tmp_path / "figure4.png").stat().st_size > 10_000
-
-
-def test_strengths_stand_in_their_order_beside_the_paper() -> None:
-    """A model that is equal at one current is not lowest everywhere; PG-RLSTM at half of the others is 50 % below."""
-    rows = {name: learn.summary({1.0: [0.4], 1.5: [0.6]}) for name in fig4.COLOURS}
-    rows["pg_rlstm"] = learn.summary({1.0: [0.2], 1.5: [0.3]})
-    table = fig4.strength_table({"2": rows, "0.5": {**rows, "lstm": learn.summary({1.0: [0.2], 1.5: [0.9]})}})
-    assert [line[0] for line in table.rows] == ["the paper's device", "times 0.5", "times 2"]
-    assert table.rows[2][1:5] == ["0.500", "0.500", "0.500", "0.250"] and table.rows[2][5:8] == ["50"] * 3
-    assert [line[-1] for line in table.rows] == ["yes", "no", "yes"]
-    assert {len(line) for line in table.rows} == {len(table.head)}
 
 
 def test_figure4_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,12 +40,12 @@ def test_figure4_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(fig4, "run_bench", lambda cfg: None)
     recipe = FitCfg()
     for _ in range(2):
-        fig4.train(BenchCfg(), recipe, (1.0,), tmp_path)
+        fig4.train(BenchCfg(), recipe, tmp_path)
     assert calls == ["bouc_wen", "mlp", "lstm", "pg_rlstm"]
-    fig4.train(BenchCfg(), replace(recipe, epochs=7), (1.0,), tmp_path)
+    fig4.train(BenchCfg(), replace(recipe, epochs=7), tmp_path)
     assert len(calls) == 8
     [kept] = tmp_path.rglob("mlp.json")
     for damage in ("[" * 100_000, "{"):
         kept.write_text(damage)
         with pytest.raises(ValueError, match="mlp.json: not JSON: .*; remove it"):
-            fig4.train(BenchCfg(), recipe, (1.0,), tmp_path)
+            fig4.train(BenchCfg(), recipe, tmp_path)

@@ -39,8 +39,10 @@ def made(
     entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, traces: dict[str, MissionTrace], **changed
 ) -> Findings:
     """Findings of an entry in these missions."""
+    figures, changes, named = missions._figures(traces)
     found = missions.Mission(
-        **{"traces": traces, "electrical": ElectricalCfg(), "thermal": ThermalCfg(), "battery": BatteryCfg(),
+        **{"traces": traces, "figures": figures, "changes": changes, "errors": dict.fromkeys(named, 0.5), "free": 2,
+           "electrical": ElectricalCfg(), "thermal": ThermalCfg(), "battery": BatteryCfg(),
            "misfit": 16.0, "held": 0.43, "arrivals": [],
            "loaded": {"0.002": (1.0, 20.0), "nothing": (6.0, 20.0)}, **changed}
     )  # fmt: skip
@@ -97,6 +99,7 @@ def test_a_robot_stands_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     found = made(fig10, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS})
     standing = row(found, "MR_Go, standby", "power")
     assert (standing.n, standing.sd) == (1, None)
+    assert (standing.error, standing.error_free) == (0.5, 2)
     assert row(found, "MR_Go, outbound", "power").n == 3
 
 

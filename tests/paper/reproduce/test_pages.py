@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.kernels import gate
 from mrwarp.run_dir import plain
-from paper.reproduce import pages
+from paper.reproduce import age, cache, pages
 from paper.reproduce.contents import TITLES
-from paper.reproduce.verdicts import Results
 
 ROW = {"condition": "a", "quantity": "x", "unit": "m", "paper": {"mean": 1.0, "sd": None}, "ours": 0.123456789}
 PART = {
@@ -18,6 +18,8 @@ PART = {
     "claim_ids": {"it": "it holds"},
     "reasons": {"drop/height": "because"},
     "tables": [],
+    "made": "2026-11-29",
+    "rests_on": "0123456789abcdef",
 }
 
 
@@ -60,42 +62,26 @@ def test_the_time_of_a_whole_report_is_kept(tmp_path: Path) -> None:
     assert f"{whole['processor'] / 60.0:.0f} minutes of one core" in text
 
 
-def test_studies_are_entries_of_their_own(tmp_path: Path) -> None:
-    """Named by kind, policies and ground; without the single seeds. A table of several folders has a line each."""
-    (tmp_path / "docs/results").mkdir(parents=True)
-    metric = {"mean": 0.04, "sd": 0.01, "seeds": [0.03, 0.05], "rollouts": [[0.03], [0.05]]}
-    row = {"training": "t", "current": 0.0, "fell": 2, "v_x_rmse": metric, "v_x_bias": metric}
-    change = {"reduction": 0.6, "p": 0.0004, "interval": [0.0, 1.0]}
-    study = {"rows": dict.fromkeys("ABCD", row), **{key: {"off": change, "on": change} for key in ("rmse", "bias")}}
-    for ground in ("flat", "rough"):
-        found = {**study, "evaluation": {"folder": "policies/study_rough", "terrain": ground}}
-        (tmp_path / "result.json").write_text(json.dumps({**found, "command": "mrwarp study table2 --out x"}))
-        pages.collect((tmp_path,), tmp_path)
-    parts = pages.read(tmp_path)["parts"]
-    assert list(parts) == ["study table2 study_rough", "study table2 study_rough rough"]
-    assert "seeds" not in json.dumps(parts) and "interval" not in json.dumps(parts)
-    names = ("`here`", "study table2 study_rough rough"), ("`there`", "study table2 study_rough")
-    lines = pages._studies("policies", *names)(Results(parts)).splitlines()
-    assert len(lines) == 6
-    cells = "0.040 | 0.040 | 60 % | < 0.001"
-    assert lines[2] == f"| `here`: RMSE [m/s] | {cells} | {cells} | 2, 2, 2, 2 |"
-
-
 def test_fill_writes_blocks_and_check_sees_a_changed_figure(tmp_path: Path) -> None:
     """A block is written again, the text around it stays."""
     (tmp_path / "docs/results").mkdir(parents=True)
     (tmp_path / pages.RESULTS).write_text(json.dumps({"parts": {"table2": PART}}))
     page = tmp_path / "README.md"
     page.write_text("before\n<!-- figures: table2 -->\nold\n<!-- /figures -->\nafter\n")
-    assert pages.fill(tmp_path, check=True) == [page] and "old" in page.read_text()
-    assert pages.fill(tmp_path) == [page]
+    today = {"table2": PART["rests_on"]}
+    assert pages.fill(tmp_path, check=True, today=today) == [page] and "old" in page.read_text()
+    assert pages.fill(tmp_path, today=today) == [page]
     assert page.read_text() == (
         "before\n<!-- figures: table2 -->\n|  | x [m] | paper |\n| --- | --- | --- |\n| a | 0.12 ± 0.50\\* | 1.00 |\n"
-        "<!-- /figures -->\nafter\n"
+        "\n*`mrwarp reproduce table2`, 2026-11-29, code 01234567.*\n<!-- /figures -->\nafter\n"
     )
-    assert pages.fill(tmp_path, check=True) == []
+    assert pages.fill(tmp_path, check=True, today=today) == []
+    assert pages.fill(tmp_path, check=True, today={"table2": "another"}) == [page]
+    pages.fill(tmp_path, today={"table2": "another"})
+    assert "code 01234567; **stale**: what it rests on has changed since" in page.read_text()
+    pages.fill(tmp_path, today=today)
     page.write_text(page.read_text().replace("0.12", "0.13"))
-    assert pages.fill(tmp_path, check=True) == [page]
+    assert pages.fill(tmp_path, check=True, today=today) == [page]
 
 
 def test_unknown_blocks_and_entries_that_were_not_made_are_refused(tmp_path: Path) -> None:
@@ -113,33 +99,36 @@ def test_command_refuses_a_folder_without_results(tmp_path: Path, capsys: pytest
     assert "result.json" in capsys.readouterr().err
 
 
-def test_strengths_stand_around_the_shipped_networks() -> None:
-    """Halved, as it is, doubled; the middle row is that of figure 4's own entry."""
-    rmse = {"MLP": 0.8, "Bouc-Wen": 0.4, "LSTM": 0.4, "PG-RLSTM": 0.2}
-    rows = [
-        {
-            **ROW,
-            "condition": f"{name}, {amps} A",
-            "quantity": "RMSE",
-            "ours": value,
-            "sd": 0.1,
-            "n": 3,
-            "calibrated": False,
-            "digits": 3,
-        }
-        for name, value in rmse.items()
-        for amps in ("1", "1.2", "1.5")
-    ]
-    head = ["effects", *rmse, "below Bouc-Wen [%]", "below LSTM [%]", "below MLP [%]", "lowest"]
-    strengths = ("the paper's device", "times 0.5", "times 2")
-    table = {"head": head, "rows": [[text, *"1234567", "yes"] for text in strengths]}
-    claims = {"claims": {"it is lowest": False}, "claim_ids": {"pg_rlstm_lowest": "it is lowest"}}
-    parts = {"fig4": {"rows": rows, **claims}, "fig4_strengths": {"tables": [table]}}
-    lines = pages._strengths(Results(parts)).splitlines()
-    assert [line.split(" | ")[0] for line in lines[2:]] == [
-        "| the paper's device",
-        "| times 0.5",
-        "| times 1",
-        "| times 2",
-    ]
-    assert lines[4] == "| times 1 | 0.800 | 0.400 | 0.400 | 0.200 | 50 | 50 | 75 | no |"
+def test_a_changed_constant_makes_its_entries_stale_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Walks rest on kernels; a sentence in them changes nothing, a number all entries that walk, but not the report."""
+    at = Path(gate.__file__)
+    text, real = at.read_text(encoding="utf-8"), Path.read_text
+
+    def changed(old: str, new: str) -> set[str]:
+        cache._parse.cache_clear()
+        assert old in text
+        other = text.replace(old, new, 1)
+        monkeypatch.setattr(Path, "read_text", lambda path, *a, **k: other if path == at else real(path, *a, **k))
+        now = age.hashes()
+        monkeypatch.undo()
+        cache._parse.cache_clear()
+        return {name for name in now if now[name] != today[name]}
+
+    cache._parse.cache_clear()
+    today = age.hashes()
+    assert changed('"""', '"""Other words. ') == set()
+    assert {"walks", "table6", "table4", "table2"} <= changed("return", "return 1.0 +")
+    parts = {name: {"rests_on": value} for name, value in today.items()}
+    assert age.stale(parts) == [] and age.stale({**parts, "fig5": {}}, today) == ["fig5"]
+
+
+def test_stale_entries_are_listed_and_noted(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the day and the time that they take; of several entries of a block those that are stale are named."""
+    monkeypatch.setattr(age, "stale", lambda parts, today=None: ["table7"])
+    assert main(["reproduce", "docs", "--stale"]) == 0
+    assert capsys.readouterr().out.startswith("stale: table7 (20")
+    parts = {"table2": PART, "table3": {**PART, "made": "2026-11-30"}}
+    said = age.note(parts, ("table2", "table3"), ["table3"])
+    assert said.startswith("*2 entries, 2026-11-29 to 2026-11-30; **stale**: table3: what it rests on")

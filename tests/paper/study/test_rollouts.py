@@ -1,6 +1,8 @@
 """Rollouts: figures against NumPy, independence of the company, and what a fall leaves."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,9 +10,11 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import TaskCfg
-from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.resources import policy_file
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError
 from mrwarp.trials.power_meter import MotionMeter
-from paper.study.rollouts import METRICS, EvaluationCfg, roll_out
+from paper.study.plan import CONVENTIONAL, STUDY
+from paper.study.rollouts import METRICS, STEPS, EvaluationCfg, causes, evaluate, roll_out, step_plant
 
 ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
 """Of numbers of order one [m, m/s, rad, rad/s]: their own, and half of one each of two operations and a target."""
@@ -95,3 +99,44 @@ def test_configuration_refuses_nonsense() -> None:
         replace(CFG, rollouts=0)
     with pytest.raises(ValueError, match=r"seconds = 0\.0 must be positive"):
         replace(CFG, seconds=0.0)
+
+
+def test_every_step_changes_one_thing() -> None:
+    """Robot, then devices, then current with one branch or both."""
+    cfgs = {step: step_plant(step, EvaluationCfg()) for step in STEPS}
+    assert [cfg.robot for cfg, _ in cfgs.values()] == ["go1"] + ["mr_go"] * 5
+    assert [cfg.actuator for cfg, _ in cfgs.values()] == ["none"] * 2 + ["bouc_wen"] * 4
+    assert [current for _, current in cfgs.values()] == [0.0, 0.0, 0.0, 1.5, 1.5, 1.5]
+    branches = [(cfg.damping, cfg.holding) for cfg, _ in list(cfgs.values())[2:]]
+    assert branches == [(True, True), (True, False), (False, True), (True, True)]
+
+
+@pytest.mark.slow
+def test_first_and_last_plant_of_mr_go_are_those_of_table_2(tmp_path: Path) -> None:
+    """Devices at 0 A and at 1.5 A with both branches: the figures of ``evaluate``.
+
+    A figure is a mean over 15 control steps in 32 bits: in another order of the sum it is off by 15 roundings of 6e-8.
+    """
+    shutil.copyfile(DEFAULT_POLICY, policy_file(tmp_path, CONVENTIONAL, 0))
+    cfg = EvaluationCfg(folder=tmp_path, seeds=(0,), rollouts=2, plant="bouc_wen", warmup=0.0, seconds=0.3)
+    rows = causes(cfg, [CONVENTIONAL])[CONVENTIONAL]
+    assert list(rows) == list(STEPS)
+    off, on = evaluate(cfg, [(CONVENTIONAL, 0.0), (CONVENTIONAL, 1.5)])
+    for step, row in (("drag", off), ("both", on)):
+        for metric, values in row.rollouts.items():
+            np.testing.assert_allclose(rows[step].rollouts[metric], values, rtol=1e-6, err_msg=f"{step} {metric}")
+    assert not np.array_equal(rows["go1"].rollouts["v_x_rmse"], off.rollouts["v_x_rmse"])
+
+
+def test_a_seed_counts_once() -> None:
+    """Two of one training would be two equal values, and p = 0."""
+    with pytest.raises(ValueError, match=r"seeds = \(0, 0\): name each training seed once"):
+        EvaluationCfg(seeds=(0, 0))
+
+
+def test_missing_policy_is_named(tmp_path: Path) -> None:
+    """The file that is not there; conventional policies, whose robot has no devices, are the study's."""
+    cfg = EvaluationCfg(folder=tmp_path, seeds=(7,), warmup=0.0, seconds=0.1)
+    for plant, folder in (("pg_rlstm", tmp_path), (CONVENTIONAL, STUDY)):
+        with pytest.raises(PolicyError, match=rf"{folder}/{plant}_seed7\.onnx: no such policy"):
+            evaluate(cfg, [(plant, 0.0)])
