@@ -43,6 +43,6 @@ def note(parts: Mapping[str, Any], names: Iterable[str], old: Iterable[str]) -> 
     else:
         said = f"{len(there)} entries, {' to '.join(dict.fromkeys((days[0], days[-1])))}" if there else "no entry"
     behind = [name for name in there if name in old]
-    which = "" if len(there) == 1 else f" {', '.join(behind)}:"
-    text = f"**stale**:{which} what it rests on has changed since (`mrwarp reproduce docs --stale`)"
-    return f"*{said}{f'; {text}' if behind else ''}.*"
+    which = "**stale**" if len(there) == 1 else f"{len(behind)} of them **stale**"
+    text = f"; {which}: what they rest on has changed since (`mrwarp reproduce docs --stale`)"
+    return f"*{said}{text if behind else ''}.*"

@@ -229,8 +229,8 @@ def code_hash(
 ) -> str:
     """Hash of modules and of all that they import of these packages in ``root``.
 
-    Comments, layout, docstrings, the claims of an entry and imports for types alone do not count. Modules of ``without``,
-    and what stands in packages of that name, are neither counted nor followed; of "mrwarp" its public names alone.
+    Comments, layout, docstrings, the claims of an entry and imports for types alone do not count. Modules ``without``
+    which, and what stands in packages of that name, are neither counted nor followed; of "mrwarp" its public names.
     """
     found: dict[str, str] = {}
     waiting = [name for module in modules for name in _inside(module, root)]

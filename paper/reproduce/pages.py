@@ -198,7 +198,7 @@ def counts(found: Results) -> tuple[str, str]:
     judged = judge_all(found)
     fitted, excluded = (sum(j.verdict is v for j in judged) for v in (Verdict.CALIBRATED, Verdict.EXCLUDED))
     effects = by_effect(judged)
-    many = ", ".join(f"{n} {verdict.value}" for verdict, n in effects.items() if n)
+    many = "; ".join(f"{n} {verdict.value}" for verdict, n in effects.items())
     return (
         f"Of the paper's {len(judged)} claims {fitted} {'was' if fitted == 1 else 'were'} used to fit numbers, and "
         f"{excluded} contradict each other within the paper.",

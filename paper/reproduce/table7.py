@@ -17,9 +17,6 @@ from paper.reproduce.table6 import Claimed, of_others
 from paper.reproduce.verdicts import Claim, rows
 from paper.reproduce.walks import Walks
 
-LONGER = ("longer_when_slow", "longer_when_loaded")
-"""Claims on trends."""
-
 
 def table7(job: Job) -> Findings:
     """Mean activation over the calves next to the paper's simulation and hardware."""
@@ -92,15 +89,13 @@ CLAIMS = (
         place="Table 7, simulation",
         says="activation, same order [%]",
         measure=rows("table7", "activation", *(f"{cell}, paper's simulation" for cell in CELLS)),
-        holds=tuple(("table7", f"commanded_{name}") for name in LONGER),
-        why="Longer at low speed and under load, as in the paper.",
+        why="Ours spreads too much over seeds to order four conditions.",
     ),
     Claim(
         id="walk.activation/hardware",
         place="Table 7, hardware",
         says="activation, same order [%]",
         measure=rows("table7", "activation", *(f"{cell}, paper's hardware" for cell in CELLS)),
-        holds=tuple(("table7", name) for name in LONGER),
-        why="At the measured speeds ours hold longer with payload at the lower speed alone; the hardware holds longer.",
+        why="At 0.5 m/s ours does not hold longer with payload; the hardware does.",
     ),
 )

@@ -213,7 +213,7 @@ def test_order_puts_needs_first(tmp_path: Path) -> None:
 
 
 def test_code_hash_counts_what_a_figure_can_depend_on(tmp_path: Path) -> None:
-    """Words do not count; a constant of a module imported in a function does, unless it is without or for types alone."""
+    """Words do not count; a constant of a module imported in a function does, but not one for types alone."""
     root = tmp_path / "pack"
     (root / "laws").mkdir(parents=True)
     first_a = '"""A."""\ndef f():\n    """F."""\n    from pack import b\n    return b.X\n\nCLAIMS = ("one",)\n'

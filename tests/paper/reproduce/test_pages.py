@@ -78,7 +78,7 @@ def test_fill_writes_blocks_and_check_sees_a_changed_figure(tmp_path: Path) -> N
     assert pages.fill(tmp_path, check=True, today=today) == []
     assert pages.fill(tmp_path, check=True, today={"table2": "another"}) == [page]
     pages.fill(tmp_path, today={"table2": "another"})
-    assert "code 01234567; **stale**: what it rests on has changed since" in page.read_text()
+    assert "code 01234567; **stale**: what they rest on has changed since" in page.read_text()
     pages.fill(tmp_path, today=today)
     page.write_text(page.read_text().replace("0.12", "0.13"))
     assert pages.fill(tmp_path, check=True, today=today) == [page]
@@ -125,10 +125,10 @@ def test_a_changed_constant_makes_its_entries_stale_and_no_other(monkeypatch: py
 def test_stale_entries_are_listed_and_noted(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With the day and the time that they take; of several entries of a block those that are stale are named."""
+    """With the day and the time that they take; of several entries of a block it says how many."""
     monkeypatch.setattr(age, "stale", lambda parts, today=None: ["table7"])
     assert main(["reproduce", "docs", "--stale"]) == 0
     assert capsys.readouterr().out.startswith("stale: table7 (20")
     parts = {"table2": PART, "table3": {**PART, "made": "2026-11-30"}}
     said = age.note(parts, ("table2", "table3"), ["table3"])
-    assert said.startswith("*2 entries, 2026-11-29 to 2026-11-30; **stale**: table3: what it rests on")
+    assert said.startswith("*2 entries, 2026-11-29 to 2026-11-30; 1 of them **stale**: what they rest on")
