@@ -13,7 +13,19 @@ from paper.reproduce.contents import TITLES
 
 ROW = {"condition": "a", "quantity": "x", "unit": "m", "paper": {"mean": 1.0, "sd": None}, "ours": 0.123456789}
 PART = {
-    "rows": [{**ROW, "sd": 0.5, "n": 3, "seeds": [1 / 3], "calibrated": True, "digits": 2, "why": "because"}],
+    "rows": [
+        {
+            **ROW,
+            "sd": 0.5,
+            "n": 3,
+            "seeds": [1 / 3],
+            "calibrated": True,
+            "digits": 2,
+            "why": "because",
+            "error": 0.0,
+            "error_free": 0,
+        }
+    ],
     "claims": {"it holds": True},
     "claim_ids": {"it": "it holds"},
     "reasons": {"drop/height": "because"},

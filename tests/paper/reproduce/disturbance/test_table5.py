@@ -30,7 +30,7 @@ def dropped() -> drop_trials.Drops:
     struck = {f"{training}, {drop.name}": some(2) for training in (CONVENTIONAL, AWARE) for drop in COLUMNS}
     return drop_trials.Drops(
         figures={drop.name: some(4) for drop in DROPS},
-        bound={"compliant": some(7), "rigid": some(7)},
+        bound=some(7),
         struck=struck,
         policies=3,
         trained=3,
