@@ -129,7 +129,7 @@ def filled(text: str, content: Mapping[str, Any], where: str, today: Mapping[str
         name = match[2]
         if name not in BLOCKS:
             raise ValueError(f"{where}: no figures are called {name!r}; choose from {', '.join(BLOCKS)}")
-        entries = ENTRIES.get(name, tuple(TITLES))
+        entries = ENTRIES.get(name, ())
         note = f"\n\n{age.note(found.parts, entries, old)}" if entries else ""
         return f"{match[1]}{BLOCKS[name](found).rstrip()}{note}\n{match[4]}"
 
@@ -339,6 +339,6 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
 ENTRIES = {
     **{name: (part,) for name, (part, _) in TABLES.items()},
     **{name: (name,) for name in ROWS},
-    **dict.fromkeys(("whole", "paper_checks"), ()),
+    **dict.fromkeys(("claims", "readme", "verdicts"), tuple(TITLES)),
 }
-"""Entries whose figures a block shows; those that it does not name show all, and none are its own arithmetic."""
+"""Entries whose figures a block shows; the others are arithmetic, or have their own record."""
