@@ -82,7 +82,7 @@ def compare(
         condition: What was done.
         quantity: What was measured, its unit, and digits behind the point.
         theirs: The paper's figure; a number has no spread.
-        ours: ``ours``, ``sd``, ``n`` and ``seeds``, see :func:`paper.reproduce.seeds.over_seeds`, and ``error``.
+        ours: ``ours``, ``sd``, ``n`` and ``seeds``, see :func:`paper.reproduce.settings.over_seeds`, and ``error``.
         why: Why they differ.
         calibrated: Whether the paper's figure was used to fit a number of ours.
     """

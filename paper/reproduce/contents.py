@@ -17,7 +17,7 @@ class Entry:
 
 CONTENTS = {
     "fig4": Entry("fig4", "Figure 4: torque prediction"),
-    "fig5": Entry("fig5", "Figure 5: learning curves"),
+    "fig5": Entry("table2", "Figure 5: learning curves"),
     "table2": Entry("table2", "Table 2: actuator-aware training"),
     "table3": Entry("table3", "Table 3: actuator models in training"),
     "table4": Entry("disturbance.table4", "Table 4: disturbance response"),

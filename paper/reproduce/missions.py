@@ -23,8 +23,7 @@ from mrwarp.usd.robot import CALF_COLUMNS
 from paper.reproduce import walks
 from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Comparison, Findings, compare, identified
-from paper.reproduce.seeds import over_seeds
-from paper.reproduce.settings import ensembles, walks_time
+from paper.reproduce.settings import ensembles, over_seeds, walks_time
 from paper.reproduce.verdicts import Claim, rows
 from paper.study.plan import POWER_PRICE
 

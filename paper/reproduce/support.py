@@ -20,8 +20,7 @@ from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
 from paper.reproduce import walks
 from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings, TextTable, compare, identified
-from paper.reproduce.seeds import over_seeds
-from paper.reproduce.settings import Ensemble, walks_time
+from paper.reproduce.settings import Ensemble, over_seeds, walks_time
 from paper.reproduce.verdicts import Claim, rows
 
 FASTER = (0.5, 0.6, 0.7, 0.8, 1.0)

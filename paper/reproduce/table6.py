@@ -26,7 +26,7 @@ from mrwarp.trials.walk_trials import WalkResult
 from paper.reproduce import walks
 from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import CELLS, Comparison, Findings, TextTable, compare, identified
-from paper.reproduce.seeds import over_seeds
+from paper.reproduce.settings import over_seeds
 from paper.reproduce.verdicts import Claim, rows
 from paper.reproduce.walks import Walks
 

@@ -17,10 +17,10 @@ from mrwarp.trials.walk_trials import WalkCfg, WalkResult, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT
 from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings
-from paper.reproduce.seeds import seeds_of
 from paper.reproduce.settings import (
     Ensemble,
     ensembles,
+    seeds_of,
     walks_time,
 )
 

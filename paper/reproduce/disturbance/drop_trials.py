@@ -22,13 +22,13 @@ from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import BRAKE, Findings
 from paper.reproduce.disturbance.push_rule import fallen
-from paper.reproduce.seeds import seeds_of
 from paper.reproduce.settings import (
     IMPACTS,
     TRAININGS,
     Ensemble,
     Settings,
     impacts_time,
+    seeds_of,
     study_files,
     trained_gains,
 )

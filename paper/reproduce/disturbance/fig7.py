@@ -14,7 +14,7 @@ from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings, compare
 from paper.reproduce.disturbance import drop_trials
 from paper.reproduce.disturbance.drop_trials import COLUMNS, DROPS
-from paper.reproduce.seeds import over_seeds
+from paper.reproduce.settings import over_seeds
 from paper.reproduce.verdicts import Claim, change
 
 TORQUE = ("calf motor torque", "N·m", 2)

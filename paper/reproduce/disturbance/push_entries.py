@@ -18,8 +18,7 @@ from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings, compare
 from paper.reproduce.disturbance import push_rule
 from paper.reproduce.disturbance.push_rule import DERIVED, JOINT, LITERAL, PAIR, SHORT, by_policy
-from paper.reproduce.seeds import over_seeds
-from paper.reproduce.settings import IMPACTS, impacts_time
+from paper.reproduce.settings import IMPACTS, impacts_time, over_seeds
 from paper.reproduce.verdicts import Claim, Measure, rows
 
 TORQUE = ("calf motor torque", "N·m", 2)

@@ -17,7 +17,7 @@ from paper.reproduce.disturbance import drop_trials, push_rule, two_knees
 from paper.reproduce.disturbance.drop_trials import Drops
 from paper.reproduce.disturbance.push_entries import policy_means
 from paper.reproduce.disturbance.push_rule import DERIVED, JOINT, LITERAL, PAIR, SHORT, Pushes, PushResult
-from paper.reproduce.seeds import over_seeds
+from paper.reproduce.settings import over_seeds
 from paper.reproduce.verdicts import Claim, Measure, change, rows
 
 TITLES = {"min_height": ("minimum height", "m", 4), "peak_down_velocity": ("peak downward velocity", "m/s", 4)}

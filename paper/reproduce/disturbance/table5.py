@@ -9,7 +9,7 @@ from paper.reproduce.cache import Experiment, Job
 from paper.reproduce.comparison import Findings, compare
 from paper.reproduce.disturbance import drop_trials
 from paper.reproduce.disturbance.drop_trials import COLUMNS
-from paper.reproduce.seeds import over_seeds
+from paper.reproduce.settings import over_seeds
 from paper.reproduce.table2 import TRAINED
 from paper.reproduce.verdicts import Claim, Measure, change
 from paper.study.plan import AWARE, CONVENTIONAL

@@ -11,8 +11,7 @@ from mrwarp.paper import PaperValue
 from paper.reproduce import cache
 from paper.reproduce.cache import KEPT, Experiment, Job, Runner
 from paper.reproduce.comparison import Comparison, Findings
-from paper.reproduce.seeds import over_seeds, seeds_of
-from paper.reproduce.settings import NotYet, Settings
+from paper.reproduce.settings import NotYet, Settings, over_seeds, seeds_of
 
 CALLS: list[str] = []
 

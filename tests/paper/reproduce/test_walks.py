@@ -17,8 +17,7 @@ from paper.reproduce import fig8 as figure8
 from paper.reproduce.cache import Job
 from paper.reproduce.comparison import Findings
 from paper.reproduce.fig8 import fig8
-from paper.reproduce.seeds import over_seeds
-from paper.reproduce.settings import Settings
+from paper.reproduce.settings import Settings, over_seeds
 from paper.reproduce.table6 import fig9, table6
 from paper.reproduce.table7 import table7
 
