@@ -104,6 +104,8 @@ class FitResult(Misfit):
     """Smallest and largest current, in size."""
     condition: float
     seed: int
+    correlations: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Correlation of the errors of each pair of parameters with an interval [1]; empty where it was not assessed."""
     effects: tuple[Effect, ...] = ()
     """The law that takes the place of eq. 15, if one was asked for, and further effects."""
     offsets: dict[str, float] = field(default_factory=dict)
@@ -172,6 +174,7 @@ def fit(
         rate=float(np.median([1.0 / run.dt for run in runs])),
         current=recording.current_range,
         condition=assessment.condition,
+        correlations=assessment.correlations,
         seed=seed,
         held_out=held_out if len(runs) > 1 else None,
         **misfit(recording, point.simulated, samples, warnings),

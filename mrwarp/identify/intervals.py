@@ -47,6 +47,8 @@ class Assessment:
     """Condition number of the normalised normal matrix."""
     together: list[tuple[str, ...]]
     """Groups of parameters of which only a combination is known."""
+    correlations: dict[str, dict[str, float]]
+    """Correlation of the errors of each pair of parameters that have an interval, by name [1]."""
 
 
 def assess(
@@ -92,7 +94,17 @@ def assess(
         half, half_joint = (student(level, dof) * sigma for level in (0.95, 1.0 - 0.05 / count))
         estimates[name] = Estimate(value=float(value), half=half, half_joint=half_joint)
     together = _groups(inverse, blind, [names[i] for i in use])
-    return Assessment(estimates, float(values[-1] / max(values[0], 1e-300)), together)
+    known_names = [name for name in list(base)[:count] if np.isfinite(estimates[name].half)]
+    rows = np.array([row for name, row in zip(base, slopes, strict=True) if name in known_names])
+    correlations = _correlations(known_names, rows @ covariance @ rows.T) if known_names else {}
+    return Assessment(estimates, float(values[-1] / max(values[0], 1e-300)), together, correlations)
+
+
+def _correlations(names: list[str], covariance: np.ndarray) -> dict[str, dict[str, float]]:
+    """Correlations by pairs of names; parameters without an error are left out."""
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    use = np.flatnonzero(sigma > 0.0)
+    return {names[i]: {names[j]: float(covariance[i, j] / (sigma[i] * sigma[j])) for j in use if j != i} for i in use}
 
 
 def _least(information: np.ndarray, score: np.ndarray) -> np.ndarray:

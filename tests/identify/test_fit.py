@@ -64,6 +64,18 @@ def test_intervals_are_not_merely_wide() -> None:
     assert few.estimates["K1"].half < 0.05 * TRUTH["K1"]
 
 
+def test_correlations_say_how_errors_go_together() -> None:
+    """Those of beta and gamma give the error of their sum and difference, which have intervals of their own."""
+    result = fit(synthetic.bench_like(2, runs=12))
+    for name, others in result.correlations.items():
+        assert set(others) == set(result.correlations) - {name}
+        assert all(-1.0 <= r <= 1.0 and r == pytest.approx(result.correlations[o][name]) for o, r in others.items())
+    r, errors = result.correlations["beta"]["gamma"], {n: result.estimates[n].half for n in ("beta", "gamma")}
+    for sign, name in ((1.0, "loading rate beta+gamma"), (-1.0, "unloading rate beta-gamma")):
+        square = errors["beta"] ** 2 + errors["gamma"] ** 2 + 2.0 * sign * r * errors["beta"] * errors["gamma"]
+        assert result.combinations[name].half == pytest.approx(square**0.5, rel=0.3)
+
+
 def test_fit_is_free_of_scale() -> None:
     """The device as a 2 kN linear damper: every parameter is the converted one, to float32's accuracy."""
     joint = synthetic.bench_like(6, runs=8)
