@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from benchmarks.confusion.case import NOISES, write_case
+from benchmarks.confusion.case import NOISES, Case, write_case
 from benchmarks.confusion.families import FAMILIES, Plan
 from benchmarks.confusion.motion import SIZES
 from benchmarks.confusion.suite import SuiteError, read_cases, run_case, run_suite
@@ -82,6 +82,8 @@ def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
 def _one(plan: Plan, args: argparse.Namespace) -> None:
     if args.keep:
         case = plan.make(args.only)
+        if not isinstance(case, Case):
+            raise SuiteError("--keep: a joint without a device has no second session; leave it out")
         write_case(case, args.keep)
         print(f"{args.keep}: {len(case.recording.trajectories)} trajectories, {'+'.join(case.truth.kinds) or 'none'}")
         return

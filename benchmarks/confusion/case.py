@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 from benchmarks.confusion import foreign
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Effect, true_value
 from benchmarks.confusion.levels import level_of, strength_for
+from benchmarks.confusion.mechanics import Joint
 from benchmarks.confusion.motion import TRUTH_RATE, Motion, make_session
 from benchmarks.confusion.truth import COIL_RESISTANCE, Device, simulate
 from mrwarp.recording.differentiate import differentiate
@@ -127,6 +128,19 @@ class Truth:
     """The nine coefficients [rad, A, N·m]."""
     law: str = ""
     """Another law that the device follows; empty for eqs. 14 and 15."""
+    also: tuple[str, ...] = ()
+    """Effects that are there as well, and may be named or be a part of the baseline."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointCase:
+    """A data set of a joint without a device."""
+
+    seed: int
+    recording: Recording
+    truth: Truth
+    level: float
+    noise_share: float = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,6 +334,27 @@ def make_foreign(kind: str, law: str, *, share: float, seed: int, size: str = "l
         level=share if hidden else 0.0,
         settings={"size": size, "clock_error": 0.005, "truth_rate": TRUTH_RATE},
     )
+
+
+def make_joint(kind: str, law: str, *, share: float, seed: int) -> JointCase:
+    """Make a data set of a joint without a device.
+
+    Args:
+        kind: Hidden effect of :data:`benchmarks.confusion.mechanics.HIDDEN`.
+        law: One of :data:`benchmarks.confusion.mechanics.JOINTS`.
+        share: RMS of what it changes in the torque, over the torque's.
+        seed: Seed of the joint, its motion and the noise.
+    """
+    joint = Joint.drawn(law, kind, share, seed)
+    truth = Truth(
+        kinds=tuple(joint.parameters),
+        background=(),
+        parameters=joint.parameters,
+        depends_on=frozenset(),
+        base={},
+        also=("coulomb_friction",),
+    )
+    return JointCase(seed=seed, recording=joint.recording(), truth=truth, level=share if joint.hidden else 0.0)
 
 
 def write_case(case: Case, folder: str | Path) -> None:

@@ -5,14 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.confusion import foreign, outside
-from benchmarks.confusion.case import Case, make_case, make_foreign
+from benchmarks.confusion import foreign, mechanics, outside
+from benchmarks.confusion.case import Case, JointCase, make_case, make_foreign, make_joint
 from benchmarks.confusion.effects import CALIBRATION, PAIRS, SINGLE, UNCATALOGUED
 
-OTHER_LAWS = {"foreign": foreign, "outside": outside}
-"""Families of devices that follow other laws than eqs. 14 and 15: published ones, and ones in no list of laws."""
+OTHER_LAWS = {"foreign": foreign, "outside": outside, "mechanics": mechanics}
+"""Families of devices that follow other laws than eqs. 14 and 15: published ones, ones in no list of laws, none."""
 
-FAMILIES = ("single", "none", "uncatalogued", "pairs", "background", "calibration", "other", "foreign", "outside")
+FAMILIES = (
+    "single",
+    "none",
+    "uncatalogued",
+    "pairs",
+    "background",
+    "calibration",
+    "other",
+    "foreign",
+    "outside",
+    "mechanics",
+)
 """Families by name."""
 
 SEED_STEP = 100_003
@@ -44,7 +55,7 @@ class Plan:
 
     family: str
     level: float = 0.4
-    """Level of each effect; in the families "foreign" and "outside" its share of the torque's RMS."""
+    """Level of each effect; in the families of :data:`OTHER_LAWS` its share of the torque's RMS."""
     seed: int = 0
     size: str | None = None
     """Size of all data sets; None: large, in the family "none" both in turn."""
@@ -80,7 +91,7 @@ class Plan:
         if self.family in OTHER_LAWS:
             laws = OTHER_LAWS[self.family].LAWS
             out = {"kind": kind, "law": laws[index % len(laws)], "share": self.level, "seed": out["seed"]}
-            return out | ({"size": self.size} if self.size else {})
+            return out | ({"size": self.size} if self.size and self.family != "mechanics" else {})
         if self.family == "none":
             out["noise"], out["size"], out["base_spread"] = _NONE[index % len(_NONE)]
         elif self.family == "background":
@@ -100,8 +111,10 @@ class Plan:
         }
         return {**out, **{key: value for key, value in fixed.items() if value is not None}}
 
-    def make(self, index: int) -> Case:
+    def make(self, index: int) -> Case | JointCase:
         """Make the case ``index``."""
+        if self.family == "mechanics":
+            return make_joint(**self.arguments(index))
         if self.family in OTHER_LAWS:
             return make_foreign(**self.arguments(index))
         return make_case(**self.arguments(index))

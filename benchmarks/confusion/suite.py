@@ -88,9 +88,9 @@ def run_case(
     calibration = any(kind in CALIBRATION for kind in truth.kinds)
     outcome, remark = judge(truth, calibration, found)
     out |= {**found, "outcome": outcome, "remark": remark, "coverage": coverage(truth, found)}
-    if check_gain:
+    if check_gain and isinstance(case, Case):
         out |= _untouched_gains(result, case)
-    if resolve and "ambiguous" in (outcome, remark.split(",")[0]):
+    if resolve and isinstance(case, Case) and "ambiguous" in (outcome, remark.split(",")[0]):
         out["resolved"] = _resolved(result, case, diagnose)
     return out
 

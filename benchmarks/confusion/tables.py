@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from benchmarks.confusion.experiment import RESULTS
-from benchmarks.confusion.families import OTHER_LAWS, Plan
+from benchmarks.confusion.families import Plan
 from benchmarks.confusion.verdicts import OUTCOMES
 
 _Case = dict[str, Any]
@@ -110,7 +110,7 @@ def acceptance(plan: Plan, cases: list[_Case]) -> list[str]:
             line("missed", ("missed",)),
             line("wrong", wrong, most=0.02),
         ]
-    if plan.family in OTHER_LAWS:
+    if plan.family in ("foreign", "outside"):
         return _foreign_lines(cases)
     return [
         line("right", ("right",)),

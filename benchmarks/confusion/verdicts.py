@@ -69,6 +69,7 @@ def judge(truth: Truth, calibration: bool, found: dict[str, Any]) -> tuple[str, 
         found: What was diagnosed, from :func:`record_of`.
     """
     groups = [{c["name"], *c["alternatives"]} for c in found["causes"]]
+    groups = [group for group in groups if not group & {*truth.also}]
     shifts = [{s["name"], *s["alternatives"]} for s in found["parameter_shift"]]
     if calibration:
         groups, shifts = groups + shifts, []
