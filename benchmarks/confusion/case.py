@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from benchmarks.confusion import foreign
+from benchmarks.confusion import foreign, outside
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Effect, true_value
 from benchmarks.confusion.levels import level_of, strength_for
 from benchmarks.confusion.mechanics import Joint
@@ -330,6 +330,7 @@ def make_foreign(kind: str, law: str, *, share: float, seed: int, size: str = "l
             depends_on=frozenset(),
             base={},
             law=law,
+            also=outside.ALSO.get(law, ()),
         ),
         level=share if hidden else 0.0,
         settings={"size": size, "clock_error": 0.005, "truth_rate": TRUTH_RATE},

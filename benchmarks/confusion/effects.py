@@ -67,6 +67,7 @@ _SPECS = (
     Spec(name="command_delay", parameter="delay", unit="s", powers=(0, 0, 0), guess=0.003),
     Spec(name="remanence", parameter="half_width", unit="A", powers=(0, 1, 0), guess=0.02),
     Spec(name="current_saturation", parameter="curvature", unit="1/A", powers=(0, -1, 0), guess=0.3, exact=False),
+    Spec(name="path_lag", parameter="length", unit="rad", powers=(1, 0, 0), guess=0.01),
     Spec(name="current_gain", parameter="gain", unit="1", powers=(0, 0, 0), guess=1.0, size=1.15),
     Spec(name="torque_sensor_lag", parameter="time_constant", unit="s", powers=(0, 0, 0), guess=0.001),
     Spec(name="velocity_lag", parameter="time_constant", unit="s", powers=(0, 0, 0), guess=0.001),

@@ -37,6 +37,9 @@ HIDDEN = (
 )
 """Effects hidden in them, in turn; their number and that of the laws have no common divisor."""
 
+ALSO = {"bristle": ("path_lag", "series_compliance")}
+"""Effects that a law is itself: bristles are an elastic element, and follow a current over limit/stiffness."""
+
 STOPS = 24
 """Elements of the Preisach operator."""
 

@@ -189,12 +189,25 @@ def _state(device: Device, motion: Motion, samples: slice) -> tuple[State, Path]
 
     q, qd = motion.q[:, samples], motion.qd[:, samples]
     path = motion.path if samples == motion.logged else Path.of(motion.q, motion.turns, samples)
-    state = State(t=motion.t[samples], q=q, qd=qd, qdd=motion.qdd[:, samples], current=command.at(motion.t[samples]))
+    current = command.at(motion.t[samples])
+    if "path_lag" in hidden:
+        current = _over_way(command.at(motion.t), motion.q, hidden["path_lag"].strength)[:, samples]
+    state = State(t=motion.t[samples], q=q, qd=qd, qdd=motion.qdd[:, samples], current=current)
     if "temperature_drift" in hidden:
         state = replace(state, warmth=_on(samples, _warmth(device, motion), motion))
     if "wear" in hidden:
         state = replace(state, slid=_on(samples, motion.slid / motion.slid[-1, -1], motion))
     return state, path
+
+
+def _over_way(current: np.ndarray, q: np.ndarray, length: float) -> np.ndarray:
+    """A current that follows another over a way instead of a time, exact for steps that it keeps, arrays (T, N)."""
+    if length <= 0.0:
+        return current
+    kept, out = np.exp(-np.abs(np.diff(q, axis=1)) / length), current.copy()
+    for k in range(1, current.shape[1]):
+        out[:, k] = current[:, k - 1] + (out[:, k - 1] - current[:, k - 1]) * kept[:, k - 1]
+    return out
 
 
 def _on(samples: slice, logged: np.ndarray, motion: Motion) -> np.ndarray:

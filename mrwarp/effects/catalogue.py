@@ -22,6 +22,7 @@ EFFECTS = (
     "current_gain",
     "remanence",
     "current_saturation",
+    "path_lag",
     "velocity_lag",
     "encoder_offset",
     "backlash",

@@ -88,6 +88,8 @@ def joint_path(
     s.command = command
     s.command_before = command
     s.held = 1
+    s.qd = qd
+    s.qd_before = qd
     s = current_path(s, values, row, memory, line)
     s.current = wp.abs(s.current)  # a coil and a core know signs, the fluid does not
     s.field = wp.abs(s.field)
@@ -95,8 +97,6 @@ def joint_path(
     s.q = q - p.q_neutral
     s.zero = s.q - own_displacement(p, s.q)
     s.middle = s.zero
-    s.qd = qd
-    s.qd_before = qd
     law = law_in_force(values, row)
     s = motion_path(p, s, z, values, row, memory, line, law)
     speed = float(qd)

@@ -183,8 +183,8 @@ def make_replay_kernel(effects: bool) -> Any:
                 if delay > 0.0:
                     s.command = delayed(current_in, first, k, delay / dt)
                     s.command_before = delayed(current_in, first, before, delay / dt)
-                s = current_path(s, values, row, memory_out, line)
                 s.qd_before = qd_in[before]
+                s = current_path(s, values, row, memory_out, line)
                 s.qdd = qdd_in[k]
                 s.qdd_before = qdd_in[before]
                 s = motion_path(p, s, z, values, row, memory_out, line, law)

@@ -12,6 +12,7 @@ CHOSEN = {
     "current_gain": {"gain": 1.3},
     "remanence": {"half_width": 0.15},
     "current_saturation": {"u": 0.6},
+    "path_lag": {"length": 0.05},
     "velocity_lag": {"time_constant": 0.01},
     "encoder_offset": {"offset": 0.1},
     "backlash": {"half_gap": 0.01},

@@ -231,6 +231,32 @@ def test_rotor_inertia_is_mass_times_acceleration() -> None:
     np.testing.assert_allclose(lost[after:], 0.0, atol=1e-3 * 0.01 * np.abs(shaft.qdd).max())
 
 
+@pytest.mark.parametrize("down", [0.0, 0.7, -2.0])
+def test_gravity_is_a_weight_that_hangs_at_an_angle(down: float) -> None:
+    """m*g*l times the sine of the angle from where it hangs, and its work is that of its height."""
+    shaft, size = Shaft.swinging(seconds=1.0), 2.0
+    weight = {"gravity": {"sine": size * np.cos(down), "cosine": -size * np.sin(down), "periods": 1.0}}
+    found = added(shaft, weight)
+    np.testing.assert_allclose(found, size * np.sin(shaft.q - down), rtol=0, atol=200 * EPS)
+    height = size * (1.0 - np.cos(shaft.q - down))
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (found[1:] + found[:-1]) * np.diff(shaft.q))])
+    np.testing.assert_allclose(work, height - height[0], rtol=0, atol=size * np.abs(np.diff(shaft.q)).max() ** 2)
+
+
+@pytest.mark.parametrize("length", [0.01, 0.1])
+def test_path_lag_follows_the_current_over_the_way(length: float) -> None:
+    """After a step of the current the field nears it as exp(-way/length), however fast; at rest it stays as it is."""
+    command, lag = np.where(np.arange(400) < 200, 0.4, 1.4), {"path_lag": {"length": length}}
+    for speed in (0.5, 3.0):
+        moving = Shaft.steady(command, qd=speed)
+        found = torque(moving, FIELD, lag) / torque(replace(moving, current=np.ones(400)), FIELD)
+        want = 1.4 - np.exp(-speed * DT * np.arange(1, 201) / length)
+        np.testing.assert_allclose(found[200:], want, rtol=0, atol=100 * EPS)
+    # the joint stops before the step: its stress stays, and so does the field
+    stops = replace(Shaft.steady(command), qd=np.where(np.arange(400) < 150, 1.0, 0.0))
+    np.testing.assert_allclose(torque(stops, FIELD, lag)[151:], torque(stops, FIELD, lag)[151], rtol=1e-5)
+
+
 def test_coulomb_friction_opposes_motion() -> None:
     """With the motion, odd, all of it after a way of 5 ms at its speed, however slow; none before anything moves."""
     for qd, first in ((1.0, 1.0), (-1.0, -1.0), (0.05, np.tanh(1.0)), (0.0, 0.0)):
