@@ -67,7 +67,7 @@ class Joint:
         return cls(numbers=numbers, hidden={kind: float(size / per_unit[kind])}, waves=plain.waves, seed=seed)
 
     def load(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Torque that resists the drive besides the inertia [N·m]."""
+        """Torque that resists the drive in addition to the inertia [N·m]."""
         p = self.numbers
         tau = p["spring"] * q + p["viscous"] * qd + p["dry"] * np.tanh(qd / 0.01)
         if p["weight"]:
