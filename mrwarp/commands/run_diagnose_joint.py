@@ -12,7 +12,7 @@ from mrwarp.enums import BENCH_PARTS
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.progress_bar import ProgressBar
-from mrwarp.runtime import core_count, quiet_libraries
+from mrwarp.runtime import closest, core_count, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.result import Diagnosis
@@ -35,6 +35,8 @@ class DiagnoseJoint(DiagnoseOptions):
     """recordings that take no part but are predicted"""
     bench: Annotated[tuple[str, ...], opt.some_of(tuple(BENCH_PARTS))] = ()
     """what belongs to the bench and to no robot's joint; the simulator leaves it out"""
+    without: Annotated[tuple[str, ...], opt.some(str, "CAUSE")] = ()
+    """effects that are not looked for, such as coil_lag: the verdict says what is found in their place"""
     averaged: Averaged = 0.0
     """moving average [s] that q and torque of --predict passed before they were published; 0 is none"""
     impact: opt.Flag = False
@@ -71,6 +73,8 @@ class DiagnoseJoint(DiagnoseOptions):
                 if not d.final:
                     progress.done()
                     return self.print_early(lines(d, {}), progress.seconds)
+                if self.without:
+                    d = replace(d, notes=(*d.notes, f"not looked for (--without): {', '.join(self.without)}"))
                 with undisturbed():
                     written[:] = self._write(d, line)
                 extras, tables = self._extras(d, unseen, log)
@@ -101,6 +105,13 @@ class DiagnoseJoint(DiagnoseOptions):
             raise ValueError(
                 f"--out {self.out}: its model.json is the nominal model and would be overwritten; name another folder"
             )
+        if self.without:
+            from mrwarp.effects.catalogue import CATALOGUE
+
+            for name in self.without:
+                if name not in CATALOGUE:
+                    known = ", ".join(CATALOGUE)
+                    raise ValueError(f"--without {name}: no such effect; {closest(name, CATALOGUE)}choose from {known}")
         from mrwarp.robot_logs.kinds import kind_of
 
         if kind_of(self.data) is not None:
@@ -134,6 +145,7 @@ class DiagnoseJoint(DiagnoseOptions):
         answered: Callable[[Diagnosis], bool],
     ) -> Diagnosis:
         from mrwarp.diagnose.pipeline import diagnose
+        from mrwarp.effects.catalogue import CATALOGUE
         from mrwarp.identify.fit import read_holding
         from mrwarp.model_file import HOLDING_NOTE
 
@@ -144,6 +156,7 @@ class DiagnoseJoint(DiagnoseOptions):
             recording,
             model=model,
             holding=holding,
+            effects=[name for name in CATALOGUE if name not in self.without] if self.without else None,
             seed=self.seed,
             progress=progress,
             answered=answered,

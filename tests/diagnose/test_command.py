@@ -96,3 +96,19 @@ def test_the_extended_model_is_a_known_model(answer: Path, tmp_path: Path) -> No
     assert carried.fitted_on.current == nominal.fitted_on.current is not None
     again = json.loads((tmp_path / "again" / "result.json").read_text(encoding="utf-8"))
     assert again["verdict"] == "none" and not again["causes"]
+
+
+def test_a_cause_that_is_not_looked_for_is_not_answered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``--without`` takes the true cause out of the first answer; a name that is none is refused with the nearest."""
+    folder = tmp_path / "bench"
+    options = ["--trajectories", "4", "--samples", "3000", "--evaluation-samples", "0", "--only", "coil_lag=0.02"]
+    assert cli.main(["bench", "--out", str(folder), *options]) == 0
+    for words, there in (([], True), (["--without", "coil_lag", "command_delay"], False)):
+        out = tmp_path / f"found{there}"
+        assert cli.main(["diagnose", "joint", str(folder / "fit"), "--quick", "--out", str(out), *words]) == 0
+        suspects = json.loads((out / "result.json").read_text())["suspects"]
+        assert ("coil_lag" in [suspect["name"] for suspect in suspects]) is there
+    capsys.readouterr()
+    wrong = ["diagnose", "joint", str(folder / "fit"), "--without", "coil_lagg", "--out", str(tmp_path / "x")]
+    assert cli.main(wrong) == 2
+    assert "--without coil_lagg: no such effect; did you mean 'coil_lag'" in capsys.readouterr().err

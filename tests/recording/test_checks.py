@@ -439,9 +439,9 @@ def test_all_units_that_nobody_declared_are_named_at_once(tmp_path: Path) -> Non
     (tmp_path / "log").mkdir()
     scales = {"q": DEG, "qd": DEG, "current": 1e3, "torque": 1e3}
     file = write(tmp_path / "log" / "run.csv", {name: x * scales.get(name, 1.0) for name, x in data.items()})
-    with pytest.raises(RecordingError, match="q up to .* rad like deg, current up to 1000 A like mA, torque") as refused:
+    with pytest.raises(RecordingError, match="q up to .* rad like deg, current up to 1000 A like mA, torque") as no:
         load_recording(file)
-    declared = re.search(r"next to the file: (\{.*?\})", str(refused.value))
+    declared = re.search(r"next to the file: (\{.*?\})", str(no.value))
     assert declared is not None
     (file.parent / "units.json").write_text(declared[1])
     found = load_recording(file).trajectories[0]
