@@ -28,6 +28,7 @@ from mrwarp.robots.foreign import FREE_LIMIT, ForeignRobot, Joint, RobotFileErro
 from mrwarp.robots.guesses import Guess, Subject, some, sorted_lines
 from mrwarp.robots.leg_order import FORWARD, leg_names, looks_elsewhere, phases, rows_of
 from mrwarp.robots.plausible import check_rotors, check_torque_limits, with_real_inertias
+from mrwarp.robots.second.left_over import left_over
 from mrwarp.robots.stance import Foot, solve_stance, standing_torques
 from mrwarp.robots.surfaces import SOLE, extremes, lowest
 from mrwarp.runtime import closest
@@ -104,6 +105,9 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     own = {joint.name: foot for leg, foot in zip(legs, touching, strict=True) for joint in leg}
     check_rotors(robot, guessed, drives, own, pose)
     notes += rotor_notes(guessed)
+    damped = {name for name, drive in drives.items() if drive.gains_from == "file"}
+    if unread := left_over(robot.path, gains=damped):
+        notes.append(Guess(subject=Subject.OMITTED, text=f"not carried: {unread}"))
     if legs:
         notes.append(Guess(subject=Subject.HOLDING, text=_holding(robot, touching, pose, drives)))
     return UnderstoodRobot(
@@ -248,7 +252,11 @@ def _standing(
         paths, found = _paths(robot, choices, pose, LEVEL_SHARE)
         if paths and _stands(robot, pose, paths):
             legs = own_joints(paths)
-            return legs, [find_foot(robot, leg, pose) for leg in legs], pose, [*found, *_others(robot, paths)]
+            taken = next(key.name for key in robot.keyframes if pose.items() <= {**key.angles, **given}.items())
+            more = f" of {len(robot.keyframes)}" if robot.keyframes[1:] else ""
+            text = f"keyframe {taken}{more} is the stance; --pose JOINT=RAD changes it"
+            said = [Guess(subject=Subject.STANCE, text=text)] * bool(robot.keyframes)
+            return legs, [find_foot(robot, leg, pose) for leg in legs], pose, [*found, *said, *_others(robot, paths)]
     stretched: dict[str, float] = {}
     paths, notes = _paths(robot, choices, dict(given), GROUND_SHARE) if given else ([], notes)
     if not paths or any(on_knees(robot, given, path) for path in paths):

@@ -274,7 +274,7 @@ class _Compiled:
 
     def _actuators(self, joints: dict[int, Joint]) -> Iterator[str]:
         """Take gains and torque limits from the actuators."""
-        model, others = self.model, []
+        model, others, dc, uneven, rates = self.model, [], [], [], []
         for k in range(model.nu):
             joint = joints.get(int(model.actuator_trnid[k, 0]))
             if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
@@ -282,19 +282,39 @@ class _Compiled:
                 continue
             gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
             affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+            if model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_DCMOTOR:
+                resistance, constant = (float(x) for x in model.actuator_gainprm[k, :2])
+                volts = float(np.abs(model.actuator_ctrlrange[k]).max()) if model.actuator_ctrllimited[k] else 0.0
+                joint.torque_limit = volts * constant / resistance * gear or joint.torque_limit
+                brake = constant**2 / resistance * gear**2
+                dc.append(f"{brake:.3g} N·m·s/rad at {joint.name}")
+                joint.armature += float(model.actuator_armature[k]) * gear**2
+                continue
             stiff, damped = affine and bias[1] < 0.0, affine and bias[2] < 0.0
             if stiff:
                 joint.kp = float(-bias[1]) * gear**2
-            if damped:
+            if damped and not stiff:
+                rates.append(f"{float(-bias[2]) * gear**2:.3g} N·m·s/rad at {joint.name}")
+            elif damped:
                 joint.kd = (joint.kd or 0.0) + float(-bias[2]) * gear**2
             joint.armature += float(model.actuator_armature[k]) * gear**2
             limit = None
+            ranges = model.actuator_forcerange[k] if model.actuator_forcelimited[k] else model.actuator_ctrlrange[k]
+            if (model.actuator_forcelimited[k] or not affine) and abs(ranges.sum()) > 1e-9 * np.abs(ranges).max():
+                uneven.append(f"{ranges[0]:g} to {ranges[1]:g} of {joint.name}")
             if model.actuator_forcelimited[k]:
                 limit = float(np.abs(model.actuator_forcerange[k]).max()) * gear
             elif model.actuator_ctrllimited[k] and not affine:
                 limit = float(np.abs(model.actuator_ctrlrange[k]).max() * abs(model.actuator_gainprm[k, 0])) * gear
             if limit is not None:
                 joint.torque_limit = min(limit, joint.torque_limit or limit)
+        for names, text in (
+            (dc, "the back-EMF of DC motors was left out"),
+            (rates, "the gains of velocity actuators were left out"),
+            (uneven, "ranges of actuators that are not symmetric were taken as such, by their larger end"),
+        ):
+            if names:
+                yield f"{text}: {', '.join(names)}"
         if others:
             yield f"actuators of tendons and sites were left out: {', '.join(others[:4])}"
 

@@ -22,7 +22,7 @@ from mrwarp.robots.foreign import (
     Shape,
     prim_names,
 )
-from mrwarp.robots.guesses import Guess, Subject
+from mrwarp.robots.guesses import Guess, Subject, some
 from mrwarp.run_dir import one_line
 from mrwarp.runtime import quiet_libraries, silent
 
@@ -121,6 +121,10 @@ def _robot(path: Path, builder: Any, base: str | None) -> ForeignRobot:
     if root is None:
         raise RobotFileError(f"{path}: no body is the root of the others; is it a robot's file?")
     shapes, notes = _shapes(builder)
+    moving = {joint.name for joint in joints if joint.kind != "fixed"}
+    renamed = [f"{old} is {new}" for old, new in zip(labels, names, strict=True) if new in moving and old != new]
+    if renamed:
+        notes.append(Guess(subject=Subject.OMITTED, text=f"names that USD takes: {some(renamed)}"))
     whole = root < len(builder.body_q)  # else it is the world, and has no place
     placed = _transform(builder.body_q[root]).rotation if whole else Rotation.identity()
     robot = ForeignRobot(

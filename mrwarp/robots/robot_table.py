@@ -57,7 +57,8 @@ def layout_lines(asset: RobotAsset, *, guesses: bool = True) -> Iterator[str]:
     places = _places(asset, feet)
     for leg in layout.legs:
         foot, x, y = feet[leg.name], *places[leg.name]
-        distances = {name: math.dist((x, -y), at) for name, at in places.items() if y * at[1] < 0.0}
+        many = {other.name for other in layout.legs if len(other.joints) == len(leg.joints)}
+        distances = {name: math.dist((x, -y), at) for name, at in places.items() if name in many and y * at[1] < 0.0}
         twin = min(distances, key=lambda name: distances[name], default=None)
         mirror = f"mirrors {twin}" if twin and distances[twin] < MIRROR * abs(y) else "mirrors no other leg"
         yield (
