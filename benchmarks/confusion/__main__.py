@@ -32,6 +32,7 @@ def main() -> int:
         "--resolve", action="store_true", help="where the verdict is ambiguous, make the proposed experiment as well"
     )
     parser.add_argument("--known", action="store_true", help="what is hidden is known: ask for its size only")
+    parser.add_argument("--method", choices=("proof", "evidence"), default="proof", help="how causes are searched")
     parser.add_argument("--out", metavar="DIR", help="folder of cases.jsonl; cases in it are not run again")
     parser.add_argument("--report", action="store_true", help="print the tables of --out without running anything")
     parser.add_argument("--only", type=int, metavar="INDEX", help="run this case alone and print what was found")
@@ -75,6 +76,7 @@ def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
         check_gain=args.check_gain,
         resolve=args.resolve,
         known=args.known,
+        method=args.method,
         report=report,
     )
 
@@ -87,7 +89,9 @@ def _one(plan: Plan, args: argparse.Namespace) -> None:
         write_case(case, args.keep)
         print(f"{args.keep}: {len(case.recording.trajectories)} trajectories, {'+'.join(case.truth.kinds) or 'none'}")
         return
-    found = run_case(plan, args.only, check_gain=args.check_gain, resolve=args.resolve, known=args.known)
+    found = run_case(
+        plan, args.only, check_gain=args.check_gain, resolve=args.resolve, known=args.known, method=args.method
+    )
     print(json.dumps(found, indent=1, default=float, ensure_ascii=False))
 
 

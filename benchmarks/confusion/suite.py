@@ -6,7 +6,7 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from importlib import import_module
@@ -49,6 +49,7 @@ def run_case(
     check_gain: bool = False,
     resolve: bool = False,
     known: bool = False,
+    method: str = "proof",
     diagnose: Diagnose | None = None,
 ) -> dict[str, Any]:
     """Make a case, diagnose it and judge the result; what the diagnosis raises is recorded, not passed on.
@@ -59,6 +60,7 @@ def run_case(
         check_gain: Compare the claimed gain with that on untouched sessions.
         resolve: Where the verdict is ambiguous, make the experiment that it asks for and diagnose again.
         known: Only the hidden effects may be named: asks for their sizes and intervals, in a quarter of the time.
+        method: How causes are searched.
         diagnose: The diagnosis; None takes ``mrwarp.diagnose.pipeline``.
     """
     if diagnose is None:
@@ -79,7 +81,7 @@ def run_case(
     begin, cpu = time.perf_counter(), time.process_time()
     try:
         assert diagnose is not None
-        result = diagnose(recording, seed=case.seed, **({"effects": truth.kinds} if known else {}))
+        result = diagnose(recording, seed=case.seed, **_how(truth.kinds if known else None, method))
         found = record_of(result)
     except Exception as error:  # a failure is an outcome of the benchmark; the line says where
         where = traceback.format_exc(limit=-3)
@@ -93,6 +95,14 @@ def run_case(
     if resolve and isinstance(case, Case) and "ambiguous" in (outcome, remark.split(",")[0]):
         out["resolved"] = _resolved(result, case, diagnose)
     return out
+
+
+def _how(effects: Sequence[str] | None, method: str) -> dict[str, Any]:
+    """Further arguments of the diagnosis, but for its defaults."""
+    return {
+        **({} if effects is None else {"effects": tuple(effects)}),
+        **({"method": method} if method != "proof" else {}),
+    }
 
 
 def _resolved(result: Any, case: Case, diagnose: Diagnose) -> dict[str, Any]:
@@ -144,6 +154,7 @@ def run_suite(
     check_gain: bool = False,
     resolve: bool = False,
     known: bool = False,
+    method: str = "proof",
     diagnose: Diagnose | None = None,
     report: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:
@@ -157,6 +168,7 @@ def run_suite(
         check_gain: As in :func:`run_case`.
         resolve: As in :func:`run_case`.
         known: As in :func:`run_case`.
+        method: As in :func:`run_case`.
         diagnose: As in :func:`run_case`; must be importable by name where ``jobs`` > 0.
         report: Takes the lines of progress.
 
@@ -170,6 +182,8 @@ def run_suite(
         settings["resolve"] = True
     if known:
         settings["known"] = True
+    if method != "proof":
+        settings["method"] = method
     file = out / SETTINGS
     if file.exists() and json.loads(file.read_text(encoding="utf-8")) != settings:
         raise SuiteError(f"{out} holds another suite ({file.name} differs); choose another folder")
@@ -177,7 +191,7 @@ def run_suite(
     done = {case["index"]: case for case in read_cases(out)}
     left = [index for index in range(sets) if index not in done]
     with (out / CASES).open("a", encoding="utf-8") as stream:
-        how = {"check_gain": check_gain, "resolve": resolve, "known": known, "diagnose": diagnose}
+        how = {"check_gain": check_gain, "resolve": resolve, "known": known, "method": method, "diagnose": diagnose}
         for case in _cases(plan, left, jobs, how):
             stream.write(json.dumps(case, default=_plain, ensure_ascii=False) + "\n")
             stream.flush()

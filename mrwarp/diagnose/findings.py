@@ -15,10 +15,10 @@ from mrwarp.diagnose.checks.spikes import Spikes
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
-from mrwarp.diagnose.law_choice import LawChoice
+from mrwarp.diagnose.law_choice import LawChoice, misfits
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size, without_effect
-from mrwarp.diagnose.residual_structure import LAG, Leftover, Line, drift_of_zero
+from mrwarp.diagnose.residual_structure import LAG, Line, drift_of_zero
 from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces, Tried
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import measured, sentence_of
@@ -77,6 +77,8 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
     causes, suspects = causes_of(selection, model), suspects_of(found)
     unexplained = unexplained_of(problem, selection, found.line, found.rejected) or _repeatable(found)
+    if unexplained is None and not causes and misfits(problem, selection.final):
+        unexplained = Unexplained(depends_on=("memory",), form="no noise, but along none of these alone", share=1.0)
     if unexplained is not None:
         formula = find_formula(traces, unexplained, problem.units, problem.settings.rest.formula)
         unexplained = replace(unexplained, formula=formula)
@@ -204,25 +206,18 @@ def unexplained_of(
 
     What a lag would take up that was rejected as the hidden motion of a yielding shaft is that motion, no structure.
     """
-    need, rest = threshold(problem, selection.final), problem.settings.rest
-
-    def reported(f: Leftover) -> bool:
-        quick = not f.group.slow and "memory" not in f.group.variables
-        t = problem.settings.gain.likely_t if quick else rest.slow_t
-        return f.gain > rest.certainly * need or (f.gain > rest.clearly * need and f.t > t)
-
     hidden = any(x.reason == HIDDEN_MOTION for x in rejected)
-    left = [f for f in selection.leftovers if not (hidden and f.group.form == LAG) and reported(f)]
+    left = [f for f in selection.nameless if not (hidden and f.group.form == LAG)]
     if line is None and not left:
         return None
-    gain, named = max([f.gain for f in left], default=0.0), selection.gain
+    gain, named = sum(f.gain for f in left), 2.0 * sum(selection.odds.values())
     both = gain + (line.gain if line else 0.0)
     share = both / max(named + both, 1e-9)
     if named > 0.0 and share < problem.settings.gain.part:
         return None
     if line is not None and line.gain > gain:
         return Unexplained(depends_on=("frequency",), form=f"a line at {line.frequency:.2f} Hz", share=share)
-    clear = [f for f in left[:3] if f.gain > problem.settings.search.near * left[0].gain]
+    clear = [f for f in left[:3] if f.gain >= problem.settings.search.near * left[0].gain]
     variables = dict.fromkeys(v for f in clear for v in f.group.variables)
     return Unexplained(depends_on=tuple(variables), form=left[0].group.form, share=share)
 

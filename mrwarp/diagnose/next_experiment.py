@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm
 
 from mrwarp.diagnose.lag_or_delay import DELAY, LAG
 from mrwarp.diagnose.problem import Fit, Problem, drifts, threshold
@@ -337,11 +339,17 @@ def repeated(like: Motion, rest: float, runs: int) -> Motion:
 # --- the smallest size of each effect that would have shown ---
 
 
-def smallest_sizes(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, float | None]:
+def smallest_sizes(
+    problem: Problem,
+    fit: Fit,
+    effects: list[str],
+    shows: Callable[[Fit, np.ndarray], np.ndarray] = lambda fit, torques: np.full(len(torques), np.inf),
+) -> dict[str, float | None]:
     """For each effect the size of its first number at which its gain would pass the threshold, in normalised units.
 
-    The effect's torque at several sizes, without what the model's own numbers take up of it, against the noise. None
-    for an effect that stays below the threshold at any size in its range.
+    The effect's torque at several sizes is put on top of what was measured, without what the model's own numbers take
+    up of it. It has to stand out of the noise in 19 of 20 such additions, and also to show next to what has no name: so
+    many times as much as needed. None for an effect that does not at any size in its range.
     """
     models, points = [(fit.parameters, fit.x)], []
     for effect in effects:
@@ -351,14 +359,17 @@ def smallest_sizes(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, 
                 models.append(model)
     tau = simulate(problem.replay, models)
     curves: dict[str, list[tuple[float, float]]] = {}
+    least = threshold(problem, fit)
     for first in range(0, len(points), _SLAB):
         some = points[first : first + _SLAB]
         rows = tau[1 + first : 1 + first + len(some)] - tau[0]
-        equations = problem.equations([fit.slopes, rows], fit.torque)
+        equations, odds = problem.equations([fit.slopes, rows], fit.torque), shows(fit, rows)
         for target, (effect, size) in enumerate(some, start=len(fit.slopes)):
             _, inside, _ = losses(equations, fit.free, target)
-            curves.setdefault(effect, []).append((size, max(float(inside.sum()), 1e-12)))
-    ranges, need = problem.motion.ranges, problem.settings.experiment.more * threshold(problem, fit)
+            gain = min(float(inside.sum()), float(odds[target - len(fit.slopes)]) * least)
+            curves.setdefault(effect, []).append((size, max(gain, 1e-12)))
+    # the gain that is found scatters about the gain that is there, as the square of a normal number of this mean
+    ranges, need = problem.motion.ranges, (np.sqrt(least) + norm.ppf(0.95)) ** 2
     return {effect: _crossing(curve, need, slots_of(effect)[0].parameter, ranges) for effect, curve in curves.items()}
 
 

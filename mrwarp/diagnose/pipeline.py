@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from threadpoolctl import threadpool_limits
 
@@ -26,6 +27,7 @@ from mrwarp.diagnose.data_checks import no_verdict_reasons, rejections, without_
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.first_answer import first_answer
 from mrwarp.diagnose.held_out import Account, HeldOut, account_of, hold_out, not_predicted
+from mrwarp.diagnose.joint_evidence import Judged, judged_by_evidence, selected_by_evidence
 from mrwarp.diagnose.law_choice import LawChoice, choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit
@@ -43,6 +45,9 @@ from mrwarp.recording.load import Holding, Recording
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import being_checked
 
+Method = Literal["proof", "evidence"]
+"""How causes are searched."""
+
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load
 def diagnose(
@@ -56,6 +61,7 @@ def diagnose(
     progress: Progress | None = None,
     answered: Callable[[Diagnosis], bool] = lambda answer: True,
     threads: int = 1,
+    method: Method = "proof",
 ) -> Diagnosis:
     """Find what eqs. 14 and 15 get wrong about a recording, and why.
 
@@ -71,6 +77,7 @@ def diagnose(
         progress: Takes a line on what is being done.
         answered: Takes the first answer, which is not final; the diagnosis ends with it where that returns False.
         threads: CPU threads of the replay.
+        method: "evidence" searches causes by their evidence alone; "proof" searches and proves them first.
     """
     log = progress or (lambda text: None)
     begun = time.perf_counter()
@@ -91,7 +98,8 @@ def diagnose(
     if not answered(answer):
         return answer
     session, line = _well_read(_with_law(session, log), log)
-    session, models, selection, rejected = _searched(session, log)
+    session, models, judged, rejected = _searched(session, method, log)
+    selection = judged.selection
     problem, recording = session.problem, session.recording
     held_out = hold_out(problem, selection, models.reported(selection.base), models.reported(selection.final))
     if reasons := rejections(held_out, selection, problem):
@@ -100,7 +108,7 @@ def diagnose(
     selection, parts, held_out, account = _accounted(session, models, selection, held_out, seed, log)
     law = session.base.parameters.law
     log("smallest sizes that would have shown")
-    sizes = smallest_sizes(problem, selection.final, session.candidates)
+    sizes = smallest_sizes(problem, selection.final, session.candidates, judged.shows)
     log("next experiment")
     found = Findings(
         recording=recording,
@@ -247,7 +255,9 @@ def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]
     return session.screened_again(problem, refit(problem, base)), line
 
 
-def _searched(session: _Session, log: Progress) -> tuple[_Session, Models, Selection, tuple[Rejection, ...]]:
+def _searched(
+    session: _Session, method: Method, log: Progress
+) -> tuple[_Session, Models, Judged, tuple[Rejection, ...]]:
     """Causes that are proven, and those that are not, with the session and the models in which they were found.
 
     Where all causes together leave clearly less spread of the trajectories' factors than the first of them did, they
@@ -255,16 +265,26 @@ def _searched(session: _Session, log: Progress) -> tuple[_Session, Models, Selec
     torque drifts away from what was measured.
     """
     models = Models(session.problem, session.base)
-    selection, rejected = select_proven(models, session.screened, log)
-    most = rejected[0].fit if rejected else selection.final
+    judged, rejected = _found(models, session, method, log)
+    most = rejected[0].fit if rejected else judged.selection.final
     noise = learn_noise(session.problem, most)
     if noise.gain < session.problem.settings.gain.half * session.problem.noise.gain:
         log(f"noise without {', '.join(most.effects)}")
         problem = replace(session.problem, noise=noise)
         session = session.screened_again(problem, refit(problem, session.base))
         models = Models(problem, session.base)
-        selection, rejected = select_proven(models, session.screened, log)
-    return session, models, selection, rejected
+        judged, rejected = _found(models, session, method, log)
+    return session, models, judged, rejected
+
+
+def _found(models: Models, session: _Session, method: Method, log: Progress) -> tuple[Judged, tuple[Rejection, ...]]:
+    """Causes by a method, judged next to what has no name, and all that is not proven."""
+    if method == "evidence":
+        judged = selected_by_evidence(models, session.screened, log)
+        return judged, judged.rejected
+    selection, rejected = select_proven(models, session.screened, log)
+    judged = judged_by_evidence(models, selection, log)
+    return judged, rejected + judged.rejected
 
 
 def _accounted(

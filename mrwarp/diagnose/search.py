@@ -40,6 +40,10 @@ class Selection:
     """Effects that would do as well in a named one's place."""
     refined: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
     """Parameters, and their intervals, that single events give better than the fit; normalised units."""
+    odds: Mapping[str, float] = field(default_factory=dict)
+    """Logarithm of the odds of each named effect; empty where no evidence was asked."""
+    nameless: tuple[Leftover, ...] = ()
+    """Nameless groups that the evidence needs next to the final model, likeliest first; a gain is twice its odds."""
 
     @property
     def gain(self) -> float:

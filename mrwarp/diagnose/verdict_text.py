@@ -40,6 +40,8 @@ _FEW_ALONG = 2
 """Most effects along one variable that are named as not explaining it."""
 _LITTLE = 0.5
 """Share of what a learned torque could take off the error, by what repeats, below which boosting takes only little."""
+_MOSTLY = 0.5
+"""Part of all that could be predicted, and error over the torque's standard deviation, from which most is unknown."""
 _VARIABLES = {
     "qd": "the velocity",
     "qdd": "the acceleration",
@@ -206,6 +208,8 @@ def sentence_of(d: Diagnosis) -> str:
         if d.unexplained.depends_on[0] == "frequency":
             what = d.unexplained.form
         parts.append(f"{also}there is {what} that {_not_explained_by(d)}")
+        if d.unexplained.share > _MOSTLY and d.extended.nrmse > _MOSTLY:
+            parts.insert(0, f"mostly unknown: {percent(d.extended.nrmse, 0)} of the torque is not predicted")
     if d.account is not None and d.account.open:
         parts.append(_what_repeats(d.account))
     if not parts:

@@ -133,8 +133,8 @@ def test_the_hidden_motion_of_a_shaft_is_no_structure(reason: str) -> None:
     """A lag that may stand for a shaft's motion between samples, and structure that this lag would take up, are one."""
     problem = known.problem({"torque_sensor_lag": {"time_constant": 0.002}}, at=known.motion(5, runs=6, seconds=2.0))
     base = known.fitted(problem)
-    left = [f for f in leftovers(problem, base) if f.group.form == LAG]
-    selection = Selection(base=base, final=base, screened=[], fits={}, leftovers=left)
+    left = tuple(f for f in leftovers(problem, base) if f.group.form == LAG)
+    selection = Selection(base=base, final=base, screened=[], fits={}, leftovers=[], nameless=left)
     lag = Rejection(effect="torque_sensor_lag", reason=reason, gain=0.1, fit=base)
     assert unexplained_of(problem, selection, None) is not None
     assert (unexplained_of(problem, selection, None, (lag,)) is None) == (reason == HIDDEN_MOTION)

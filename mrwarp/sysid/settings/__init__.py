@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
-from mrwarp.sysid.settings.joint_settings import Calibration, Experiment, Gain, Law, Proof, Rest, Search, Steps
+from mrwarp.sysid.settings.joint_settings import Calibration, Experiment, Gain, Law, Odds, Proof, Rest, Search, Steps
 from mrwarp.sysid.settings.recording_settings import Data, Effort, Faults, Reading, Spikes
 from mrwarp.sysid.settings.robot_settings import Robot, RobotFit
 
@@ -20,6 +20,7 @@ __all__ = [
     "Faults",
     "Gain",
     "Law",
+    "Odds",
     "Proof",
     "Reading",
     "Rest",
@@ -49,6 +50,8 @@ class Settings:
     """Gains that count, in every step."""
     search: Search = field(default_factory=Search)
     """Which effects are found together."""
+    odds: Odds = field(default_factory=Odds)
+    """The prior of the evidence."""
     proof: Proof = field(default_factory=Proof)
     """Which found effects are causes."""
     law: Law = field(default_factory=Law)

@@ -101,15 +101,25 @@ class Proof(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Odds(Checked):
+    """The prior of the evidence: what is likely before the data are seen.
+
+    A nameless group is less likely than a cause by as much as distinguishes two explanations, half of
+    :attr:`Gain.distinct`.
+    """
+
+    enters: float = setting(6.0, 0.0, 100.0, fewer="false causes", more="missed ones", by=RATES)
+    """Logarithm of the odds against any one cause: it enters a model that is so many times likelier with it."""
+    form: float = setting(0.1, 0.0, 1.0, fewer="second causes that make up for a first", more="missed ones")
+    """Standard deviation of a law's own error, over what it bears: by speed, place and current."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Rest(Checked):
     """Structure that no effect explains."""
 
-    clearly: float = setting(2.0, 0.0, 1e3, fewer="false reports", more="missed structures")
-    """Gain, in least gains, from which structure is reported at all."""
     certainly: float = setting(5.0, 0.0, 1e3, fewer="reports from few runs", more="missed structures")
-    """Gain, in least gains, above which it is reported although a few trajectories carry it."""
-    slow_t: float = setting(2.5, 0.0, 20.0, fewer="false drifts", more="missed ones")
-    """Least t of structure that is slow or has a memory: it differs between trajectories by chance, too."""
+    """Gain, in least gains, from which another reading of the clocks counts."""
     unreported: float = setting(0.1, 0.0, 0.5, fewer="open questions", more="errors that nobody reports")
     """Share of the mismatch that may repeat without being reported. A half of the data that has less of an effect's
     energy says nothing of its size: what else is wrong there is as large. An effect that leaves less of the loss
@@ -176,8 +186,6 @@ class Calibration(Checked):
 class Experiment(Checked):
     """The experiment that is proposed next, and the sizes that would have shown."""
 
-    more: float = setting(1.3, 1.0, 10.0, fewer="missed effects of the stated size", more="modest sizes")
-    """Gain that is asked for, over the least gain: the gain that is found scatters about the gain that is there."""
     chi2: float = setting(100.0, 0.0, 1e6, fewer="experiments that decide nothing", more="time on the bench")
     """Least miss of the wrong effect, in units of the noise's variance: four times what decides, for the experiment's
     own noise and for models that err."""

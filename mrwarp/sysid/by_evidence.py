@@ -1,0 +1,253 @@
+"""Which causes a plant has, by evidence: named causes and nameless structure enter and leave one model.
+
+A model is the plant with some causes and some groups of nameless functions. Whichever adds most to the evidence enters,
+as long as that is more than the prior odds against it; what the others have made idle leaves. A cause that also has to
+compete with as much structure as no list has a name for is a suspect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic, Protocol
+
+import numpy as np
+
+from mrwarp.sysid.evidence import Discrepancy, Posterior, Signals, correlation, learned, left_over, posterior
+from mrwarp.sysid.plant import Cause, Model, Named
+from mrwarp.sysid.settings import Gain, Odds
+
+Active = frozenset[int]
+"""Nameless groups of a model."""
+
+
+class EvidencePlant(Named[Model, Cause], Protocol):
+    """Questions that the evidence asks of a plant."""
+
+    @property
+    def base(self) -> Model:
+        """The model without any cause."""
+        ...
+
+    @property
+    def least(self) -> float:
+        """Least variance of the noise in the signals' units; next to 0 where nothing is known of it."""
+        ...
+
+    def grown(self, model: Model, /) -> Iterable[tuple[str, Model]]:
+        """The most promising of the possible models with one cause more, or with several that act together, by name."""
+        ...
+
+    def signals(self, model: Model, /) -> Signals:
+        """Derivatives, nameless functions and mismatch of a model, by unit of chance."""
+        ...
+
+    def rest(self, model: Model, change: np.ndarray, sizes: np.ndarray, /) -> Sequence[np.ndarray]:
+        """White rest of each unit after changes of the live numbers, (nb,), and nameless functions' sizes, (T, K)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found(Generic[Model, Cause]):
+    """Causes, suspects and nameless structure of a plant, by their evidence."""
+
+    model: Model
+    """The plant with its causes."""
+    nameless: dict[int, float]
+    """Groups of functions that are needed next to them, and the log odds of each."""
+    odds: dict[Cause, float]
+    """Log odds of each cause against the model without it."""
+    rivals: dict[Cause, tuple[Cause, ...]]
+    """Causes that would do as well in one's place, within the odds of chance."""
+    suspects: dict[Cause, Model]
+    """Causes that fit, but less well than as much as has no name would by chance, and the model that has them."""
+    numbers: Sequence[int]
+    """Places of the model's numbers that count."""
+    variance: np.ndarray
+    """Of these, with the nameless groups in, shape (nb,)."""
+    correlation: float
+    """Samples of what is left that count as one."""
+    discrepancy: Discrepancy
+    """Variances of the nameless functions about the model."""
+    needed: float
+    """Log odds that one more cause would need."""
+    steps: list[list[tuple[str, float]]] = field(default_factory=list)
+    """Best findings of each step, with their log odds."""
+
+
+class Comparison(Generic[Model, Cause]):
+    """Evidence of a plant's models, with the variances of what is nameless as learned about one of them."""
+
+    def __init__(self, plant: EvidencePlant[Model, Cause]) -> None:
+        self.plant, self.correlation = plant, 1.0
+        self._signals: dict[Model, Signals] = {}
+        base = plant.base
+        self.discrepancy: Discrepancy = learned(self.signals(base), plant.least)
+        self.correlation = correlation(plant.rest(base, *left_over(self.signals(base), self.discrepancy)))
+        self.about(base)
+
+    def about(self, model: Model) -> None:
+        """Learn the variances about a model."""
+        self.discrepancy = learned(self.signals(model), self.plant.least, self.discrepancy)
+        self._known: dict[tuple[Model, Active], Posterior] = {}
+        self._totals: dict[Model, np.ndarray] = {}
+
+    def signals(self, model: Model) -> Signals:
+        """Signals of a model, in samples that count."""
+        if model not in self._signals:
+            self._signals[model] = self.plant.signals(model)
+        found = self._signals[model]
+        return replace(found, grams=found.grams / self.correlation, counts=found.counts / self.correlation)
+
+    def posterior(self, model: Model, active: Active) -> Posterior:
+        """Evidence and numbers of a model with nameless groups."""
+        key = model, active
+        if key not in self._known:
+            signals = self.signals(model)
+            if model not in self._totals:
+                self._totals[model] = self.discrepancy.reduced(signals).sum(axis=0)
+            self._known[key] = posterior(signals, self._totals[model], sorted(active), self.discrepancy.common)
+        return self._known[key]
+
+    def log(self, model: Model, active: Active) -> float:
+        """Log evidence of a model with nameless groups."""
+        return self.posterior(model, active).log
+
+
+class _Search(Generic[Model, Cause]):
+    """A model that grows and shrinks by its evidence."""
+
+    def __init__(self, plant: EvidencePlant[Model, Cause], odds: Odds, gain: Gain) -> None:
+        self.plant, self.odds, self.gain, self.compared = plant, odds, gain, Comparison(plant)
+        self.model, self.active = plant.base, frozenset[int]()
+        self.groups = range(int(self.compared.signals(plant.base).group.max(initial=-1)) + 1)
+        self.steps: list[list[tuple[str, float]]] = []
+        self.before: dict[Cause, Active] = {}  # nameless groups that were there when a cause entered
+        self.out: set[Cause] = set()
+
+    def score(self, model: Model, active: Active) -> float:
+        """Log evidence with the prior odds against what has no name."""
+        return self.compared.log(model, active) - 0.5 * self.gain.distinct * len(active)
+
+    def grows(self) -> bool:
+        """Let the best cause or nameless group enter; False where none adds enough.
+
+        A cause comes before a group that adds up to twice as much: what is left of that then competes with it.
+        """
+        now, causes = self.score(self.model, self.active), list[tuple[float, str, Model, Active]]()
+        present = set(self.plant.causes(self.model))
+        for name, model in self.plant.grown(self.model):
+            new = set(self.plant.causes(model)) - present
+            if not new & self.out:
+                against = self.odds.enters * (len(new) - 1)
+                causes.append((self.score(model, self.active) - now - against, name, model, self.active))
+        more = {group: self.active | {group} for group in self.groups if group not in self.active}
+        nameless = [(self.score(self.model, x) - now, f"nameless {g}", self.model, x) for g, x in more.items()]
+        best = max(nameless, key=lambda row: row[0], default=(0.0,))[0]
+        found = sorted(causes + nameless, key=lambda row: -row[0])
+        self.steps.append([(name, gain) for gain, name, *_ in found[:5]])
+        first = max(causes, key=lambda row: row[0], default=None)
+        if first is not None and first[0] > max(self.odds.enters, self.gain.half * best):
+            found = [first]
+        if not found or found[0][0] < self.odds.enters:
+            return False
+        _, _, model, active = found[0]
+        if model is not self.model:
+            self.compared.about(model)
+            self.before |= dict.fromkeys(set(self.plant.causes(model)) - present, self.active)
+        self.model, self.active = model, active
+        return True
+
+    def certain(self, cause: Cause) -> float:
+        """Log odds of a cause, next to what had no name when it entered: later groups are for what it leaves."""
+        active = self.before.get(cause, frozenset()) & self.active
+        return self.score(self.model, active) - self.score(self.plant.without(self.model, cause), active)
+
+    def alone(self, cause: Cause) -> float:
+        """Log odds of a cause next to all that is nameless without it: it may not have shaped what it is judged by."""
+        without, active = self.plant.without(self.model, cause), self.before.get(cause, frozenset()) & self.active
+        self.compared.about(without)
+        found = self.score(self.model, active) - self.score(without, active)
+        self.compared.about(self.model)
+        return found
+
+    def needed(self, group: int) -> float:
+        """Log odds of a nameless group."""
+        return self.score(self.model, self.active) - self.score(self.model, self.active - {group})
+
+    def shrinks(self) -> None:
+        """Take out what the others have made idle."""
+        while True:
+            causes = {cause: self.certain(cause) for cause in self.plant.causes(self.model)}
+            groups = {group: self.needed(group) for group in self.active}
+            weakest = min([*causes.values(), *groups.values()], default=np.inf)
+            if len(causes) + len(groups) < 2 or weakest >= self.odds.enters:
+                return
+            if weakest in groups.values():
+                self.active -= {min(groups, key=lambda group: groups[group])}
+            else:
+                self.model = self.plant.without(self.model, min(causes, key=lambda cause: causes[cause]))
+
+    def ends(self) -> None:
+        """Grow and shrink until nothing changes."""
+        seen = set[tuple[Model, Active]]()
+        while (self.model, self.active) not in seen:
+            seen.add((self.model, self.active))
+            if not self.grows():
+                return
+            self.shrinks()
+
+
+def searched_by_evidence(
+    plant: EvidencePlant[Model, Cause], odds: Odds, gain: Gain, begin: Model | None = None
+) -> Found[Model, Cause]:
+    """The causes and the nameless structure of a plant, and what would do as well, from a model with some causes."""
+    search, suspects = _Search(plant, odds, gain), dict[Cause, Model]()
+    if begin is not None and begin is not plant.base:
+        search.model = begin
+        search.compared.about(begin)
+    while True:
+        before = search.model
+        search.ends()
+        idle = set(plant.causes(before)) - set(plant.causes(search.model)) if begin is not None else set()
+        suspects |= dict.fromkeys(idle, before)
+        nameless = search.score(search.model, search.active) - search.score(search.model, frozenset())
+        known = {cause: search.certain(cause) for cause in plant.causes(search.model)}
+        weak = [cause for cause, gain in known.items() if gain < odds.enters]
+        if not weak and nameless > 0.0:
+            weak = [cause for cause in known if search.alone(cause) < gain.half * nameless]
+        if not weak:
+            break
+        weakest = min(weak, key=lambda cause: known[cause])
+        suspects[weakest] = search.model
+        search.out.add(weakest)
+        search.model = plant.without(search.model, weakest)
+        search.compared.about(search.model)
+    rivals = {cause: _rivals(search, cause) for cause in known}
+    numbers = search.compared.signals(search.model).live
+    covariance = search.compared.posterior(search.model, search.active).covariance
+    return Found(
+        model=search.model,
+        nameless={group: search.needed(group) for group in sorted(search.active)},
+        odds=known,
+        rivals=rivals,
+        suspects=suspects,
+        numbers=numbers,
+        variance=np.diag(covariance)[: len(numbers)],
+        correlation=search.compared.correlation,
+        discrepancy=search.compared.discrepancy,
+        needed=max(odds.enters, gain.half * nameless),
+        steps=search.steps,
+    )
+
+
+def _rivals(search: _Search[Model, Cause], cause: Cause) -> tuple[Cause, ...]:
+    """Causes that would do as well in another's place."""
+    without = search.plant.without(search.model, cause)
+    active = search.before.get(cause, frozenset()) & search.active
+    least = search.score(search.model, active) - 0.5 * search.gain.distinct
+    scores = [(search.score(model, active), model) for _, model in search.plant.grown(without)]
+    near = sorted((row for row in scores if row[0] > least), key=lambda row: -row[0])
+    present = set(search.plant.causes(search.model))
+    rivals = [set(search.plant.causes(model)) - present for _, model in near]
+    return tuple(next(iter(new)) for new in rivals if len(new) == 1)
