@@ -38,6 +38,8 @@ class Commands:
     """Coil current at the start [A], shape (W, J)."""
     gravity: wp.array3d[float]
     """Torque that holds the links at rest [N·m], shape (W, T, J)."""
+    hidden: wp.array3d[float]
+    """Torque of a motion that the log does not have [N·m], shape (W, T, J)."""
     memory: wp.array2d[float]
     """Hysteresis of each joint's device at the start [rad], shape (W, J)."""
 
@@ -58,6 +60,8 @@ class Drives:
     """Share of the drive's last velocity that is left after a step [1]: its filter's lag."""
     gravity: wp.array2d[float]
     """Share of gravity's torque that the drive adds by itself [1]."""
+    hidden: wp.array2d[float]
+    """Size of the hidden motion [1]."""
     sluggish: wp.array2d[float]
     """Share of the drive's last torque that is left after a step [1]: its lag."""
     smoothed: wp.array2d[float]
@@ -218,6 +222,7 @@ def drive_kernel(
     ask = asked(commands, drives, env, window, joint, at, share)
     ctrl = smoothed(commands, drives, env, window, joint, at, share, step_in[0], before, ask, ask_out)
     ctrl += drives.gravity[env, joint] * late(commands.gravity, window, joint, before + step_in[0], 0.0) / strength
+    ctrl -= drives.hidden[env, joint] * late(commands.hidden, window, joint, before + step_in[0], 0.0) / strength
     ctrl += kp * drives.shift[env, joint] + kd * (qd - slow)
     left = drives.sluggish[env, joint]
     if left > 0.0:

@@ -79,7 +79,9 @@ class ReplayEngine:
         if self._windows is windows:
             return
         parts = dict(zip(("ask_kp", "ask_kd", "ask"), windows.feed, strict=True))
-        parts |= {name: getattr(windows, name) for name in ("kp", "kd", "coil", "start_coil", "memory", "gravity")}
+        parts |= {
+            name: getattr(windows, name) for name in ("kp", "kd", "coil", "start_coil", "memory", "gravity", "hidden")
+        }
         shape = windows.steps, *windows.kp.shape
         if shape != self._shape:
             self._shape = shape

@@ -6,7 +6,7 @@ import contextlib
 import difflib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -70,6 +70,19 @@ class Devices:
         return found
 
 
+class Hidden(NamedTuple):
+    """A motion that a log does not have: that of a link on an elastic drive, or of a base that gives way."""
+
+    joint: int
+    """The drive's joint, -1 of the base."""
+    frequency: float
+    """[Hz]"""
+    torque: tuple[np.ndarray, ...]
+    """Torque that it adds to the rigid bodies' at the joints [N·m], for each recording, shape (N, J)."""
+    rivals: tuple[int, ...] = ()
+    """Joints, and -1 for the base, of motions that explain nearly as much."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReplayModel:
     """A compiled model and where the log's J joints sit in it."""
@@ -105,6 +118,8 @@ class ReplayModel:
     """Largest torque of gravity at each joint of a robot that is held, along the log [N·m], shape (J,); else 0."""
     sink: np.ndarray
     """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
+    hidden: Hidden | None = None
+    """A motion that may explain what rigid bodies do not."""
     settings: Settings = field(default_factory=Settings)
     """Numbers by which its log is judged."""
     engines: dict = field(default_factory=dict)

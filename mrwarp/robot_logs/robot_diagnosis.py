@@ -13,6 +13,8 @@ from threadpoolctl import threadpool_limits
 from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY, OUTSIDE, SETUP
+from mrwarp.robot_logs.channels.consistency import consistent
+from mrwarp.robot_logs.channels.hidden_dynamics import with_oscillator
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
@@ -97,6 +99,7 @@ def diagnose_log(
     """
     begun = time.perf_counter()
     case = _read(robot, log, device, settings or Settings(), progress)
+    log = case.log
     look = first_look(case.model, case.part, case.parameters, progress)
     answer = _first_answer(look, case.model, log, case.groups, case.parameters, begun)
     progress(being_checked(answer.sentence))
@@ -181,6 +184,8 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
     """
     progress(f"reading {robot}")
     model = replace(replay_model(robot, log, device), settings=settings)
+    log = consistent(model, log)
+    model = with_oscillator(model, log)
     least, effort = settings.robot.windows, settings.robot_fit
     groups = cut_windows(model, log, budget=effort.seconds)
     if (count := sum(group.count for group in groups)) < least:

@@ -169,7 +169,7 @@ def named_cause(
         where=where,
         parameters=values,
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
-        alternatives=tuple(dict.fromkeys(_place(d, f.hypothesis.where) for d in f.alternatives)),
+        alternatives=tuple(dict.fromkeys([*(_place(d, f.hypothesis.where) for d in f.alternatives), *first.others])),
         gain=explained(f, found, likelihood, parameters, now),
         change={k: float(size.size[k]) for k in f.hypothesis.members},
     )

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter
@@ -375,17 +374,19 @@ def half_width(
 ) -> float:
     """Half of the 95 % interval about ``size``, the mean of a hypothesis's ``members``.
 
-    It is the widest of five: by the model, over windows and over parts, each ``wider`` times as wide; and what the
-    number moves by when all others may be off as on healthy robots, or when nothing else is off, ``lone``. Over parts
-    it is the cluster-robust one with Student's t of parts minus one (Cameron and Miller, J. Human Resources 50, 2015,
-    sections II and VI).
+    Its square is the sum of three: of the widest by the model, over windows and over parts, ``wider`` times as wide,
+    by Student's t of parts minus one, for windows in a row err together and a log has few parts; and of how much the
+    number moves when all others may be off as on healthy robots, and when nothing else is off, ``lone``: these errors
+    of the description have nothing to do with noise. Over parts it is the cluster-robust one (Cameron and Miller,
+    J. Human Resources 50, 2015, sections II and VI).
     """
     k = members[0]
     mean, sd = float(now.mean[list(members)].mean()), float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
     if len(members) == 1:
         mean, sd = estimate(k, now, parameters)
     over_parts = student(0.95, now.parts - 1) * np.sqrt(now.by_part[k])
-    return float(max(wider * stats.norm.ppf(0.975) * sd, wider * over_parts, abs(mean - size), abs(lone - size)))
+    statistical = wider * max(student(0.95, now.parts - 1) * sd, over_parts)
+    return float(np.sqrt(statistical**2 + (mean - size) ** 2 + (lone - size) ** 2))
 
 
 def _recurrence(d: Hypothesis, now: Posterior, parameters: Sequence[Parameter], free: Sequence[Hypothesis]) -> float:

@@ -118,6 +118,10 @@ def cannot_know(
     for cause, why in NOT_LOOKED_FOR.items():
         if cause == "backlash" or model.devices:
             found.append(f"{cause}: not looked for in robot logs; {why}")
+    sought = not model.free and all("q_des" in run.joint for run in log.runs)
+    for cause in CATALOGUE.values():
+        if cause.sought and not sought and not (model.free and cause.place == "robot"):
+            found.append(f"{cause.name}: not looked for in this log; {cause.sought}")
     limits = [p for k, p in enumerate(parameters) if p.declared.limits and k not in spoken_of]
     if above := [
         f"{p.where} beyond {model.asked[p.index]:.3g} N·m"

@@ -208,6 +208,7 @@ class _Stepper:
             "shift": field("shift") - field("offset"),
             "faded": lag / (lag + windows.h),  # late by the lag at any step
             "gravity": field("gravity"),
+            "hidden": field("elastic") + field("rocking", 1),
             "sluggish": sluggish / (sluggish + windows.h),
             "smoothed": smoothed / (smoothed + windows.h),
             "dry": np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0),

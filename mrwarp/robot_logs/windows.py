@@ -77,6 +77,8 @@ class Windows:
     """Torque that holds the links of a held robot at rest [N·m], at the steps of ``feed``, shape (W, K + 2*M, J)."""
     gravity_read: np.ndarray
     """Its value at the samples, shape (W, S, J)."""
+    hidden: np.ndarray
+    """Torque of a motion that the log does not have [N·m], at the steps of ``feed``, shape (W, K + 2*M, J)."""
     memory: np.ndarray
     """Hysteresis of each joint's device at the start [rad], by the motion since its run began, shape (W, J)."""
 
@@ -102,6 +104,7 @@ class Windows:
             feed=mean(self.feed, 2),
             coil=mean(self.coil, 1),
             gravity=mean(self.gravity, 1),
+            hidden=mean(self.hidden, 1),
             kp=mean(self.kp, 1),
         )
 
@@ -185,7 +188,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         name: []
         for name in (
             "run", "start", "t", "feed", "coil", "coil_rows", "coil_t", "start_coil", "kp", "kd", "q", "qd", "root",
-            "memory", "loaded", "gravity", "gravity_read",
+            "memory", "loaded", "gravity", "gravity_read", "hidden",
         )
     }  # fmt: skip
     beyond = int(np.ceil(longest_delay / dt)) + 1
@@ -198,6 +201,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         flowing = np.nan_to_num(run.joint.get("current", coil))
         begin = _roots(model, run, speed) if log.base == "free" else np.zeros((run.samples, 13))
         gravity = np.zeros(speed.shape) if log.base == "free" else gravity_along(model, run.joint["q"])
+        hidden = model.hidden.torque[index] if model.hidden else np.zeros(speed.shape)
         readings, loaded, memory = _readings(log, run), _loaded(model, run), _memory(model, run, speed)
         for s in starts:
             t = run.t[s : s + count] - run.t[s]
@@ -210,6 +214,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             rows["kp"].append(held_rows(kp, run.t, grid, h))
             rows["coil"].append(held_rows(coil, run.t, grid, h))
             rows["gravity"].append(held_rows(gravity, run.t, grid, h))
+            rows["hidden"].append(held_rows(hidden, run.t, grid, h))
             rows["gravity_read"].append(gravity[s : s + count])
             near = np.clip(s + around, 0, run.samples - 1)
             rows["coil_rows"].append(coil[near])

@@ -83,8 +83,9 @@ class Cause:
     """Sizes that healthy robots have, lowest and highest."""
     nominal: Number = 0.0
     """Value that a change adds to."""
-    change: Literal["added", "relative", "inverse"] = "added"
-    """How it makes a value: as it is; times ``nominal``, that and one; or ``nominal`` over one and it."""
+    change: Literal["added", "relative", "inverse", "compliance"] = "added"
+    """How it makes a value: as it is; times ``nominal``, that and one; ``nominal`` over one and it; or, of how far a
+    spring gives, its natural frequency: ``nominal`` over the root of it."""
     least_share: float = 0.05
     """Of a relative change the least share of ``nominal`` that is left."""
 
@@ -123,6 +124,10 @@ class Cause:
     """Of a nuisance the cause that it is at all joints at once."""
     unseen: str = ""
     """Why the log of a robot that has it does not show that one."""
+    others: Callable[[Place], tuple[str, ...]] = lambda _: ()
+    """Alternatives that a look at the log has found, in a result's words."""
+    sought: str = ""
+    """Of a motion that the log does not have: where it is looked for."""
     measured_in: str = ""
     """Channel that does show it."""
     own: float = 0.0

@@ -93,6 +93,7 @@ CAUSES = (
         fault=0.4,
         nominal=_friction,
         change="relative",
+        unsure=0.05,  # pyramids and cones of friction differ by as much where a foot slips
         of_session=lambda _: True,
         tried=FLOORS,
         through="ground",

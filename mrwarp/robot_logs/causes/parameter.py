@@ -35,6 +35,7 @@ class Parameter:
     possible: float = np.inf
     usual: tuple[float, float] = (0.0, 0.0)
     unsure: float = 0.0
+    others: tuple[str, ...] = ()
     always_free: bool = False
     """Whether it is fitted next to any cause though it may be one."""
     nominal: float = 0.0
@@ -58,6 +59,8 @@ class Parameter:
         """Value in ``unit`` that a change makes."""
         if self.declared.change == "inverse":
             return self.nominal / max(1.0 + change, 1.0 + self.lowest)
+        if self.declared.change == "compliance":
+            return self.nominal / np.sqrt(change) if change > 0.0 else np.inf
         return self.nominal * (1.0 + change) if self.relative else change
 
 
@@ -91,6 +94,7 @@ def _parameter(cause: Cause, at: Place) -> Parameter:
         highest=here(cause.highest),
         possible=here(cause.possible),
         unsure=here(cause.unsure),
+        others=cause.others(at),
         usual=cause.usual(at),
         always_free=cause.of_session(at),
         nominal=here(cause.nominal),

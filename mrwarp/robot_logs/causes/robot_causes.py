@@ -12,6 +12,7 @@ FILES = (
     "of_devices",
     "of_timing",
     "of_channels",
+    "of_hidden",
     "of_links",
     "of_ground",
     "of_outside",

@@ -56,6 +56,8 @@ EFFECTS: dict[str, Effect] = {
     "clock_shift": _effect("channel", "s", -0.05, 0.05, "stamps of a channel are late by this"),
     "torque_lag": _effect("joint", "s", 0.0, 0.1, "time constant with which the motor's torque follows"),
     "gravity_compensation": _effect("joint", "", -2.0, 2.0, "share of gravity's torque that the drive adds by itself"),
+    "series_elasticity": _effect("joint", "Hz", 1.0, 100.0, "natural frequency of the link on its locked motor"),
+    "base_compliance": _effect("robot", "Hz", 1.0, 100.0, "natural frequency of a held robot on its base"),
     "torque_channel_offset": _effect("joint", "N·m", -100.0, 100.0, "added to every reading of the torque"),
     "torque_channel_gain": _effect("joint", "", -100.0, 100.0, "factor on every reading of the torque"),
     "torque_channel_gravity": _effect(

@@ -161,8 +161,9 @@ class TrueRobot:
         else:
             self._ground(spec)
         armature = self._armature()
+        soft = self._soft(spec)
         for k, name in enumerate(d.joints):
-            self._flexible(spec, name, armature[k], d.limit[k])
+            self._flexible(spec, name, armature[k], d.limit[k], soft.get(name))
         for h in self.hidden.get("link_length", []):
             _lengthen(spec.body(h.where), h.value)
         if (tail := self._one("tail_weight")) is not None:
@@ -193,13 +194,38 @@ class TrueRobot:
             if geom.name != plane.name:
                 geom.contype, geom.conaffinity = 0, int(geom.name in self.description.feet)
 
-    def _flexible(self, spec: mujoco.MjSpec, name: str, armature: float, limit: float) -> None:
+    def _soft(self, spec: mujoco.MjSpec) -> dict[str, float]:
+        """Stiffness of elastic drives by joint [N·m/rad]; a base that gives way gets two hinges on springs."""
+        rigid, d = spec.copy().compile(), self.description
+        data, column = mujoco.MjData(rigid), np.zeros(rigid.nv)
+        ids = [rigid.joint(name).id for name in d.joints]
+        data.qpos[rigid.jnt_qposadr[ids]] = d.neutral
+        mujoco.mj_forward(rigid, data)
+        found = {}
+        for h in self.hidden.get("series_elasticity", []):
+            v = rigid.jnt_dofadr[rigid.joint(h.where).id]
+            mujoco.mj_mulM(rigid, data, column, np.eye(rigid.nv)[v])
+            found[h.where] = float(column[v] - rigid.dof_armature[v]) * (2.0 * np.pi * h.value) ** 2
+        if (rocks := self._one("base_compliance")) is not None:
+            if d.trunk == "world" or not self.fixed:
+                raise ValueError("--hide base_compliance: for a held robot whose first link is no part of the world")
+            arms = data.xipos[1:] - data.xpos[rigid.body(d.trunk).id]
+            inertia = float((rigid.body_mass[1:, None] * arms**2).sum() + rigid.body_inertia[1:, 0].sum())
+            for k in range(2):
+                hinge = spec.body(d.trunk).add_joint(name=f"base about {'xy'[k]}", axis=np.eye(3)[k])
+                hinge.stiffness[0] = inertia * (2.0 * np.pi * rocks[0]) ** 2
+                hinge.damping[0] = 0.1 * inertia * 2.0 * np.pi * rocks[0]
+        return found
+
+    def _flexible(
+        self, spec: mujoco.MjSpec, name: str, armature: float, limit: float, soft: float | None = None
+    ) -> None:
         """A second joint behind the motor's, about the same axis: an elastic element, or play between stops."""
         motor = spec.joint(name)
         half = next((h.value for h in self.hidden.get("backlash", []) if h.where == name), 0.0)
-        stiffness = max(limit, 1e-3) / GIVE
+        stiffness = soft or max(limit, 1e-3) / GIVE
         if armature < 1e-4 or stiffness / armature > (0.5 / STEP) ** 2:
-            if not half:
+            if not half and not soft:
                 return  # a rotor as light as this would need a finer step
             armature = 1e-3
             motor.armature = armature

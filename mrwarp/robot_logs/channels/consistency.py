@@ -1,0 +1,130 @@
+"""Whether a log's torque channel is a torque: its regression on what commands ask for and what rigid bodies need.
+
+One regression per joint and reference, with parts of the log as the units of chance. A channel that is no torque in
+N·m, or follows nothing, is left out with the reason; smaller contradictions are causes of the channel, which the
+likelihood weighs against all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from mrwarp.robot_logs.causes.places import torque_scale
+from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.robot_log import RobotLog, reads_torque
+from mrwarp.sysid.jackknife import jackknife, student
+from mrwarp.sysid.left_out import in_a_row
+
+SMOOTHED = 0.1
+"""Time over which angles and torques are smoothed [s]: accelerations are second derivatives of encoders."""
+
+STANDSTILL = 0.05
+"""Speed within which dry friction changes its sign [rad/s]."""
+
+UNLIKE = 3.0
+"""Factor by which a channel differs from a torque, either way, that is no gain of a sensor but another unit."""
+
+EXPLAINED = 0.8
+"""Share of a channel's variance that follows from a torque where its unit is judged."""
+
+SPEAKS = 0.02
+"""Variation of a torque, in what the drive can give, from which it says what a channel is."""
+
+
+class Fit(NamedTuple):
+    """Regression of a channel."""
+
+    value: np.ndarray
+    """Coefficients of the references, shape (R,)."""
+    half: np.ndarray
+    """Half of their 95 % intervals, shape (R,)."""
+    explained: float
+    """Share of the variance [1]."""
+
+
+def regressed(y: np.ndarray, references: Sequence[np.ndarray], others: Sequence[np.ndarray], parts: int) -> Fit:
+    """Least squares of ``y``, (N,), on references and other regressors, (N,) each, with an offset.
+
+    Intervals are of the jackknife over ``parts`` neighbouring parts.
+    """
+    x = np.stack([*references, *others, np.ones(len(y))], axis=1)
+    folds = in_a_row(len(y), parts)
+    grams = np.stack([np.column_stack([x[f], y[f]]).T @ np.column_stack([x[f], y[f]]) for f in folds])
+    count = x.shape[1]
+    tiny = 1e-9 * np.diag(np.diag(grams.sum(axis=0))[:count] + 1e-12)
+
+    def solved(g: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(g[:count, :count] + tiny, g[:count, count])
+
+    whole = solved(grams.sum(axis=0))
+    error = np.sqrt(np.diag(jackknife(np.stack([solved(grams.sum(axis=0) - g) for g in grams]))))
+    left = float(((y - x @ whole) ** 2).sum() / max(((y - y.mean()) ** 2).sum(), 1e-300))
+    own = slice(0, len(references))
+    return Fit(whole[own], student(0.95, parts - 1) * error[own], 1.0 - left)
+
+
+def consistent(model: ReplayModel, log: RobotLog) -> RobotLog:
+    """The log without torque channels that are no torque, each with a note of what it is and the remedy."""
+    if model.free or not any(reads_torque(log, run) for run in log.runs):
+        return log
+    along = [torques_along(model, log, run, SMOOTHED) for run in log.runs if reads_torque(log, run)]
+    wrong = {}
+    for j, joint in enumerate(log.joints):
+        if text := _contradiction(model, log, along, j):
+            wrong[joint] = text
+    if not wrong:
+        return log
+    out = [log.joints.index(joint) for joint in wrong]
+    runs = []
+    for run in log.runs:
+        tau = run.joint.get("tau")
+        if tau is not None:
+            tau = tau.copy()
+            tau[:, out] = np.nan
+        runs.append(run if tau is None else replace(run, joint={**run.joint, "tau": tau}))
+    notes = [f"tau of {joint} {text}; it is left out" for joint, text in wrong.items()]
+    return replace(log, runs=tuple(runs), notes=(*log.notes, *notes))
+
+
+def _contradiction(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j: int) -> str:
+    """Why a joint's channel is no torque, in words; empty where it is one."""
+
+    def of(name: str) -> np.ndarray:
+        return np.concatenate([getattr(x, name)[:, j] for x in along])
+
+    y, speed, most = of("read"), of("qd"), torque_scale(model, log, j)
+    if not np.isfinite(y).all():
+        return ""
+    parts = model.settings.robot.parts
+    friction = [np.tanh(speed / STANDSTILL), speed]
+    gravity, inertial, asked = of("gravity"), of("inertial"), of("asked")
+    fits = []
+    if max(gravity.std(), inertial.std()) > SPEAKS * most:
+        fits.append(regressed(y, [gravity, inertial], friction, parts))
+    if asked.std() > SPEAKS * most:
+        fits.append(regressed(y, [asked, gravity], [], parts))
+        fits[-1] = fits[-1]._replace(value=fits[-1].value[:1], half=fits[-1].half[:1])
+    if not fits:
+        return ""
+    best = max(fit.explained for fit in fits)
+    if best < 1.0 - EXPLAINED:
+        return "follows neither what commands ask for nor what the links need: another joint's, or no torque"
+    names = ["gravity torque", "inertial torque"] * (len(fits) > 1 or fits[0].value.size > 1) + ["commanded torque"]
+    each = zip([v for f in fits for v in f.value], [h for f in fits for h in f.half], names, strict=False)
+    known = [(float(v), float(h), name) for v, h, name in each if abs(v) > h]
+    if best < EXPLAINED or not known:
+        return ""
+    size, _, name = max(known, key=lambda x: abs(x[0]))
+    if all(v + h < 0.0 for v, h, _ in known):
+        return "turns the other way than what the links need: change its sign"
+    if abs(size) < 1.0 / UNLIKE or all(abs(v) > UNLIKE for v, _, _ in known):
+        return (
+            f"is {size:.2g} of the {name}: a current or a percentage, not N·m; convert it, declare its unit in units, "
+            'or write "tau_is": "none"'
+        )
+    return ""

@@ -1,0 +1,180 @@
+"""What moves in a held robot besides the joints that its log has: links on elastic drives, a base that gives way.
+
+Both are oscillators that the logged motion drives. The torque by which they differ from rigid bodies follows from it,
+for each natural frequency; the one that explains the torque that is left is found by a search over frequencies. The
+replay then applies that torque, times a size that is 1 where the hypothesis is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from mrwarp.robot_logs.channels.consistency import STANDSTILL
+from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
+from mrwarp.robot_logs.replay_model import Hidden, ReplayModel
+from mrwarp.robot_logs.robot_log import LogRun, RobotLog
+
+SMOOTHED = 0.03
+"""Time over which angles and torques are smoothed [s]: faster oscillations do not pass."""
+
+LOWEST, HIGHEST, STEPS = 2.0, 20.0, 40
+"""Natural frequencies that are tried [Hz], and how many."""
+
+DAMPING = 0.2
+"""Damping ratio of the oscillators: with less, their phase would follow from the frequency more closely than a link's
+inertia, which changes with the pose, lets it."""
+
+LEAST = 0.25
+"""Share of the torque's mismatch that an oscillator explains where it is a hypothesis."""
+
+SHARED = 2
+"""Joints of which the most is explained, by which a base is judged: it moves all of them, but few show it."""
+
+NEARLY = 0.8
+"""Share of what the best one explains from which another oscillator is its alternative."""
+
+RIGHT = (0.4, 1.6)
+"""Sizes of an elastic drive's torque, in what follows from its frequency, with which it is one."""
+
+
+class Oscillator(NamedTuple):
+    """A motion that the log does not have."""
+
+    frequency: float
+    """Natural frequency [Hz]."""
+    torque: tuple[np.ndarray, ...]
+    """Torque that it adds to the rigid bodies' at the joints [N·m], for each recording, shape (N, J)."""
+    share: float
+    """Share of the mismatch that it explains [1]."""
+
+
+def behind(x: np.ndarray, dt: float, frequency: float) -> np.ndarray:
+    """An oscillator of a natural frequency [Hz] that ``x``, (N, ...), drives, at rest at first; of gain 1."""
+    w = 2.0 * np.pi * frequency
+    b, a, _ = cont2discrete(([w * w], [1.0, 2.0 * DAMPING * w, w * w]), dt, "foh")
+    return x[:1] + lfilter(b.ravel(), a, x - x[:1], axis=0)
+
+
+def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
+    """The robot with the oscillator that best explains what rigid bodies leave of the commanded torque, if any does."""
+    if model.free or not all("q_des" in run.joint for run in log.runs):
+        return model
+    along = [torques_along(model, log, run, SMOOTHED) for run in log.runs]
+    found = [(own, j) for j in range(len(log.joints)) if (own := _elastic(model, log, along, j)) is not None]
+    if len(log.joints) > 1 and (base := _base(model, log, along)) is not None:
+        found.append((base, -1))
+    if not found:
+        return model
+    best, joint = max(found, key=lambda x: x[0].share)
+    rivals = tuple(j for own, j in found if j != joint and own.share > NEARLY * best.share)
+    return replace(model, hidden=Hidden(joint=joint, frequency=best.frequency, torque=best.torque, rivals=rivals))
+
+
+def _frequencies(log: RobotLog) -> np.ndarray:
+    top = min(HIGHEST, *(0.1 / run.dt for run in log.runs))
+    return np.geomspace(LOWEST, max(top, 1.1 * LOWEST), STEPS)
+
+
+def _elastic(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j: int) -> Oscillator | None:
+    """An elastic drive at joint ``j``, with the encoder at its motor or at its link; None where there is none."""
+    rotor = float(model.model.dof_armature[model.v_adr[j]])
+    best: Oscillator | None = None
+    for frequency in _frequencies(log):
+        torque = []
+        for run, x in zip(log.runs, along, strict=True):
+            link = x.rigid[:, j] - rotor * np.gradient(x.qd[:, j], run.dt)
+            more = np.zeros(x.q.shape)
+            more[:, j] = behind(link, run.dt, frequency) - link
+            torque.append(more)
+        size, share = _explained(log, along, torque, [j])
+        # an encoder at the motor does not see the link's swing, one at the link not the motor's, which leads as much
+        if RIGHT[0] < abs(size) < RIGHT[1] and share > max(LEAST, best.share if best else 0.0):
+            best = Oscillator(float(frequency), tuple(np.sign(size) * x for x in torque), share)
+    return best
+
+
+def _base(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques]) -> Oscillator | None:
+    """A base that tilts about its origin under the robot's moment; None where it does not."""
+    tilts = [_tilted(model, x, run) for x, run in zip(along, log.runs, strict=True)]
+    best, joints = None, list(range(len(log.joints)))
+    for frequency in _frequencies(log):
+        torque = []
+        for run, (moment, coupling, lean) in zip(log.runs, tilts, strict=True):
+            # the moment's mean is how the base was leveled
+            tilt = -behind(moment - moment.mean(axis=0), run.dt, frequency)
+            fast = np.gradient(np.gradient(tilt, run.dt, axis=0), run.dt, axis=0)
+            torque.append(np.einsum("nja,na->nj", coupling, fast) + np.einsum("nja,na->nj", lean, tilt))
+        size, share = _explained(log, along, torque, joints)
+        if size > 0.0 and share > max(LEAST, best.share if best else 0.0):
+            best = Oscillator(float(frequency), tuple(size * x for x in torque), share)
+    return best
+
+
+def _explained(
+    log: RobotLog, along: Sequence[JointTorques], torque: Sequence[np.ndarray], joints: Sequence[int]
+) -> tuple[float, float]:
+    """Common size of a torque at some joints, and the share of what is left there that it explains, joints equal.
+
+    Gains, masses, frictions, offsets and delays of each joint are free.
+    """
+    dots, powers = [], []
+    for j in joints:
+        rows = [
+            np.stack(
+                [
+                    x.gravity[:, j], x.inertial[:, j], np.tanh(x.qd[:, j] / STANDSTILL), x.qd[:, j],
+                    np.gradient(x.asked[:, j], run.dt), np.ones(len(x.q)), t[:, j], x.asked[:, j] - x.rigid[:, j],
+                ],
+                axis=1,
+            )
+            for run, x, t in zip(log.runs, along, torque, strict=True)
+        ]  # fmt: skip
+        full = np.concatenate(rows)
+        others, own = full[:, :6], full[:, 6:]
+        rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
+        scale = max(float((rest[:, 1] ** 2).sum()), 1e-300)
+        dots.append(float(rest[:, 0] @ rest[:, 1]) / scale)
+        powers.append(float(rest[:, 0] @ rest[:, 0]) / scale)
+    size = sum(dots) / max(sum(powers), 1e-300)
+    each = sorted(2.0 * size * dot - size**2 * power for dot, power in zip(dots, powers, strict=True))
+    return size, float(np.mean(each[-SHARED:]))
+
+
+def _tilted(model: ReplayModel, x: JointTorques, run: LogRun) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Moment that the robot asks of its base, and torques at joints by a tilt of it, both about x and y.
+
+    Returns:
+        Moment [N·m], shape (N, 2); torque by the tilt's acceleration [kg·m²] and by its angle [N·m/rad], (N, J, 2).
+    """
+    mj, data, count = model.model, mujoco.MjData(model.model), len(x.q)
+    faster = np.gradient(x.qd, run.dt, axis=0)
+    moment, (coupling, lean) = np.zeros((count, 2)), np.zeros((2, count, len(model.joints), 2))
+    origin = mj.body_pos[model.trunk] if model.trunk else np.zeros(3)
+    shift, turn = np.zeros((3, mj.nv)), np.zeros((3, mj.nv))
+    axes = np.eye(3)[:2]
+    bodies = [b for b in model.moving if mj.body_mass[b] > 0.0]
+    for k in range(count):
+        data.qpos[:] = mj.qpos0
+        data.qpos[model.q_adr] = x.q[k]
+        mujoco.mj_kinematics(mj, data)
+        mujoco.mj_comPos(mj, data)
+        for b in bodies:
+            mujoco.mj_jacBodyCom(mj, data, shift, turn, b)
+            own, spin = shift[:, model.v_adr], turn[:, model.v_adr]
+            arm, mass = data.xipos[b] - origin, mj.body_mass[b]
+            frame = data.ximat[b].reshape(3, 3)
+            inertia = frame @ (mj.body_inertia[b][:, None] * frame.T)
+            moved = np.cross(axes, arm)  # acceleration by a tilt's, (2, 3)
+            part = mass * own.T @ moved.T + spin.T @ inertia @ axes.T  # (J, 2)
+            coupling[k] += part
+            weight = mass * mj.opt.gravity
+            moment[k] += faster[k] @ part - np.cross(arm, weight)[:2]
+            # of a tilted robot gravity is turned the other way
+            lean[k] += own.T @ np.cross(axes, weight).T
+    return moment, coupling, lean
