@@ -55,6 +55,7 @@ SIZES: dict[str, tuple[str, str]] = {
     "command_lag": ("joint", "0.012"), "torque_lag": ("joint", "0.012"), "gravity_compensation": ("joint", "1.0"),
     "torque_channel_offset": ("joint", "1.0"), "torque_channel_gain": ("joint", "0.7"),
     "torque_channel_gravity": ("joint", "-1.0"),
+    "series_elasticity": ("joint", "8.0"), "base_compliance": ("robot", "6.0"),
 }  # fmt: skip
 """Places of each cause, and the size from which it is a fault; it is larger where that is less than ``--level``."""
 

@@ -79,6 +79,8 @@ class Hidden(NamedTuple):
     """[Hz]"""
     torque: tuple[np.ndarray, ...]
     """Torque that it adds to the rigid bodies' at the joints [N·m], for each recording, shape (N, J)."""
+    share: float = 0.0
+    """Part of what rigid bodies leave of the commanded torque that it explains [1]."""
     rivals: tuple[int, ...] = ()
     """Joints, and -1 for the base, of motions that explain nearly as much."""
 

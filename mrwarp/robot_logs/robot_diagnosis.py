@@ -40,7 +40,7 @@ from mrwarp.robot_logs.selection import (
     select,
     sizes,
 )
-from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
+from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady, unconfirmed
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
 from mrwarp.sysid.jackknife import student
@@ -370,7 +370,9 @@ def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplain
         for f, c in zip(judged.found, named, strict=True)
         if c.name in OUTSIDE
     ]
-    return joined([*always, *([acting] if acting else [])])
+    unproven = not any(p.declared.sought for c in named for p in (case.parameters[k] for k in c.change))
+    hidden = unconfirmed(case.model, case.parameters, case.log) if unproven else None
+    return joined([*always, *([hidden] if hidden else []), *([acting] if acting else [])])
 
 
 def _notes(case: _Case, judged: _Judged, causes: Sequence[NamedCause], now: Posterior) -> list[str]:

@@ -149,6 +149,26 @@ def steady(hypothesis: Hypothesis, value: float, share: float, log: RobotLog, pa
     return Outside(depends_on=("place",), form=what, share=share, where=p.where, when=when, peak=(value,))
 
 
+def unconfirmed(model: ReplayModel, parameters: list[Parameter], log: RobotLog) -> Outside | None:
+    """A motion that the log does not have and that the replay does not confirm in nearly all windows, if there is one.
+
+    Its torque follows from a frequency and a damping; a link's and a base's own change with the pose.
+    """
+    p = next((p for p in parameters if p.declared.sought), None)
+    if model.hidden is None or p is None or p.declared.says is None:
+        return None
+    place = "" if p.where == "robot" else f"{p.where}: "
+    other = f" (or {', '.join(p.others)})" if p.others else ""
+    return Outside(
+        depends_on=("time",),
+        form=f"{place}{p.declared.says(model.hidden.frequency, p.name)}, about{other}",
+        share=model.hidden.share,
+        where=p.where,
+        when=tuple((run.id, float(run.t[0]), float(run.t[-1])) for run in log.runs),
+        peak=(model.hidden.frequency,),
+    )
+
+
 def joined(found: Sequence[Outside]) -> Outside | None:
     """All that no cause explains as one, at the place of the first; None where there is nothing."""
     if not found:

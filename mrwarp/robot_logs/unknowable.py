@@ -115,13 +115,7 @@ def cannot_know(
                 found.append(f"{x.of_all} of robot: {x.unseen}; {motions[x.of_all].what}")
     for cause, where in _unseen(parameters, log, now, spoken_of, slips=holds is None).items():
         found.append(f"{cause}{where}: no size would have shown in this log; {motions[cause].what}")
-    for cause, why in NOT_LOOKED_FOR.items():
-        if cause == "backlash" or model.devices:
-            found.append(f"{cause}: not looked for in robot logs; {why}")
-    sought = not model.free and all("q_des" in run.joint for run in log.runs)
-    for cause in CATALOGUE.values():
-        if cause.sought and not sought and not (model.free and cause.place == "robot"):
-            found.append(f"{cause.name}: not looked for in this log; {cause.sought}")
+    found += _not_sought(model, log)
     limits = [p for k, p in enumerate(parameters) if p.declared.limits and k not in spoken_of]
     if above := [
         f"{p.where} beyond {model.asked[p.index]:.3g} N·m"
@@ -136,6 +130,17 @@ def cannot_know(
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
+
+
+def _not_sought(model: ReplayModel, log: RobotLog) -> list[str]:
+    """Causes that nothing in this log is tried for, and why."""
+    names = [name for name in NOT_LOOKED_FOR if name == "backlash" or model.devices]
+    found = [f"{name}: not looked for in robot logs; {NOT_LOOKED_FOR[name]}" for name in names]
+    sought = not model.free and all("q_des" in run.joint for run in log.runs)
+    for cause in CATALOGUE.values():
+        if cause.sought and not sought and not (model.free and cause.place == "robot"):
+            found.append(f"{cause.name}: not looked for in this log; {cause.sought}")
+    return found
 
 
 def _unseen(

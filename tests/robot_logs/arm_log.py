@@ -80,6 +80,27 @@ def arm_log(
     return folder
 
 
+HEAVY = """<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
+ <body name="base" pos="0 0 0.3"><geom type="cylinder" size="0.1 0.05" mass="4"/>
+ <body name="l1" pos="0 0 0.05"><joint name="j1" axis="0 0 1" armature="0.05" damping="0.2" frictionloss="0.2"/>
+  <geom type="capsule" size="0.04" fromto="0 0 0 0 0 0.15" mass="1.5"/>
+ <body name="l2" pos="0 0 0.15"><joint name="j2" axis="0 1 0" armature="0.05" damping="0.2" frictionloss="0.2"/>
+  <geom type="capsule" size="0.03" fromto="0 0 0 0 0 0.3" mass="1.5"/>
+ <body name="l3" pos="0 0 0.3"><joint name="j3" axis="0 1 0" armature="0.03" damping="0.1" frictionloss="0.1"/>
+  <geom type="capsule" size="0.03" fromto="0 0 0 0.25 0 0" mass="1.0"/>
+ </body></body></body></body></worldbody>
+ <actuator><position joint="j1" kp="120" kv="6" forcerange="-60 60"/>
+  <position joint="j2" kp="150" kv="8" forcerange="-80 80"/>
+  <position joint="j3" kp="60" kv="3" forcerange="-40 40"/></actuator></mujoco>"""
+
+
+def heavy_arm(folder: Path) -> Path:
+    """Write an arm of three joints on a base of its own, for virtual robots."""
+    path = folder / "heavy.xml"
+    path.write_text(HEAVY)
+    return path
+
+
 LINKS = ((0.1, 1.5), (0.3, 1.8), (0.25, 1.2), (0.1, 0.5), (0.1, 0.4), (0.08, 0.3))
 """Length [m] and mass [kg] of an arm of six joints."""
 

@@ -1,6 +1,6 @@
-"""Whether a log's torque channel is a torque: its regression on what commands ask for and what rigid bodies need.
+"""Whether a log's torque channel is a torque: its regression on what rigid bodies need, by gravity and by inertia.
 
-One regression per joint and reference, with parts of the log as the units of chance. A channel that is no torque in
+One regression per joint, with parts of the log as the units of chance. A channel that is no torque in
 N·m, or follows nothing, is left out with the reason; smaller contradictions are causes of the channel, which the
 likelihood weighs against all others.
 """
@@ -32,8 +32,9 @@ UNLIKE = 3.0
 EXPLAINED = 0.8
 """Share of a channel's variance that follows from a torque where its unit is judged."""
 
-SPEAKS = 0.02
-"""Variation of a torque, in what the drive can give, from which it says what a channel is."""
+SPEAKS = 0.005
+"""Variation of the links' torque, in what the drive can give, from which it says what a channel is: that of the least
+friction that counts."""
 
 
 class Fit(NamedTuple):
@@ -97,34 +98,23 @@ def _contradiction(model: ReplayModel, log: RobotLog, along: Sequence[JointTorqu
     def of(name: str) -> np.ndarray:
         return np.concatenate([getattr(x, name)[:, j] for x in along])
 
-    y, speed, most = of("read"), of("qd"), torque_scale(model, log, j)
-    if not np.isfinite(y).all():
+    y, speed, gravity, inertial = of("read"), of("qd"), of("gravity"), of("inertial")
+    if max(gravity.std(), inertial.std()) < SPEAKS * torque_scale(model, log, j) or not np.isfinite(y).all():
         return ""
-    parts = model.settings.robot.parts
     friction = [np.tanh(speed / STANDSTILL), speed]
-    gravity, inertial, asked = of("gravity"), of("inertial"), of("asked")
-    fits = []
-    if max(gravity.std(), inertial.std()) > SPEAKS * most:
-        fits.append(regressed(y, [gravity, inertial], friction, parts))
-    if asked.std() > SPEAKS * most:
-        fits.append(regressed(y, [asked, gravity], [], parts))
-        fits[-1] = fits[-1]._replace(value=fits[-1].value[:1], half=fits[-1].half[:1])
-    if not fits:
+    fit = regressed(y, [gravity, inertial], friction, model.settings.robot.parts)
+    if fit.explained < 1.0 - EXPLAINED:
+        return "does not follow what the links need: another joint's, or no torque"
+    each = zip(fit.value.tolist(), fit.half.tolist(), ("gravity", "inertial"), strict=True)
+    known = [(v, h, name) for v, h, name in each if abs(v) > h]
+    if fit.explained < EXPLAINED or not known:
         return ""
-    best = max(fit.explained for fit in fits)
-    if best < 1.0 - EXPLAINED:
-        return "follows neither what commands ask for nor what the links need: another joint's, or no torque"
-    names = ["gravity torque", "inertial torque"] * (len(fits) > 1 or fits[0].value.size > 1) + ["commanded torque"]
-    each = zip([v for f in fits for v in f.value], [h for f in fits for h in f.half], names, strict=False)
-    known = [(float(v), float(h), name) for v, h, name in each if abs(v) > h]
-    if best < EXPLAINED or not known:
-        return ""
-    size, _, name = max(known, key=lambda x: abs(x[0]))
+    size, _, name = min(known, key=lambda x: x[1] / abs(x[0]))
     if all(v + h < 0.0 for v, h, _ in known):
         return "turns the other way than what the links need: change its sign"
-    if abs(size) < 1.0 / UNLIKE or all(abs(v) > UNLIKE for v, _, _ in known):
+    if all(abs(v) < 1.0 / UNLIKE for v, _, _ in known) or all(abs(v) > UNLIKE for v, _, _ in known):
         return (
-            f"is {size:.2g} of the {name}: a current or a percentage, not N·m; convert it, declare its unit in units, "
-            'or write "tau_is": "none"'
+            f"is {size:.2g} of the {name} torque: a current or a percentage, not N·m; convert it, declare its unit in "
+            'units, or write "tau_is": "none"'
         )
     return ""

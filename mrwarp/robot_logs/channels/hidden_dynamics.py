@@ -73,7 +73,8 @@ def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
         return model
     best, joint = max(found, key=lambda x: x[0].share)
     rivals = tuple(j for own, j in found if j != joint and own.share > NEARLY * best.share)
-    return replace(model, hidden=Hidden(joint=joint, frequency=best.frequency, torque=best.torque, rivals=rivals))
+    motion = Hidden(joint=joint, frequency=best.frequency, torque=best.torque, share=best.share, rivals=rivals)
+    return replace(model, hidden=motion)
 
 
 def _frequencies(log: RobotLog) -> np.ndarray:
