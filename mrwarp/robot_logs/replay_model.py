@@ -274,10 +274,6 @@ def _asked(log: RobotLog) -> np.ndarray:
     return found
 
 
-WEIGHED_ROWS = 200
-"""Rows of each recording by which the torque of gravity is judged."""
-
-
 def bias_torque(
     model: mujoco.MjModel,
     data: mujoco.MjData,
@@ -296,10 +292,12 @@ def bias_torque(
     return found[v_adr]
 
 
-def _weight(model: mujoco.MjModel, log: RobotLog, q_adr: np.ndarray, v_adr: np.ndarray) -> np.ndarray:
-    """Largest torque of gravity at each joint along the log [N·m], shape (J,)."""
+def _weight(
+    model: mujoco.MjModel, log: RobotLog, q_adr: np.ndarray, v_adr: np.ndarray, rows_of_each: int = 200
+) -> np.ndarray:
+    """Largest torque of gravity at each joint along the log [N·m], shape (J,), by some rows of each recording."""
     data = mujoco.MjData(model)
-    rows = (q for run in log.runs for q in run.joint["q"][:: max(1, run.samples // WEIGHED_ROWS)])
+    rows = (q for run in log.runs for q in run.joint["q"][:: max(1, run.samples // rows_of_each)])
     return np.max([np.abs(bias_torque(model, data, q_adr, v_adr, q, 0.0)) for q in rows], axis=0)
 
 

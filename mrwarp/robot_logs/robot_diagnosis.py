@@ -13,8 +13,8 @@ from threadpoolctl import threadpool_limits
 from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY, OUTSIDE, SETUP
-from mrwarp.robot_logs.channels.consistency import consistent
 from mrwarp.robot_logs.channels.hidden_dynamics import with_oscillator
+from mrwarp.robot_logs.channels.torque_channel import consistent
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model

@@ -9,6 +9,22 @@ from mrwarp.robot_logs.causes.places import Place
 
 WEIGHED = Shown("swing the links slowly through their range", {"slow": 20.0})
 
+SMOOTHED = 0.1
+"""Time over which angles and torques are smoothed [s]: accelerations are second derivatives of encoders."""
+
+STANDSTILL = 0.05
+"""Speed within which dry friction changes its sign [rad/s]."""
+
+UNLIKE = 3.0
+"""Factor by which a channel differs from a torque, either way, that is no gain of a sensor but another unit."""
+
+EXPLAINED = 0.8
+"""Share of a channel's variance that follows from a torque where its unit is judged."""
+
+SPEAKS = 0.005
+"""Variation of the links' torque, in what the drive can give, from which it says what a channel is: that of the least
+friction that counts."""
+
 LEAST_WEIGHT = 0.02
 """Share of a drive's torque below which gravity's torque at its joint does not count."""
 

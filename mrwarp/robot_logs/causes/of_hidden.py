@@ -7,6 +7,28 @@ import functools
 from mrwarp.robot_logs.causes.cause import Cause, Shown
 from mrwarp.robot_logs.causes.places import Place
 
+SMOOTHED = 0.03
+"""Time over which angles and torques are smoothed [s]: faster oscillations do not pass."""
+
+LOWEST, HIGHEST, STEPS = 2.0, 20.0, 40
+"""Natural frequencies that are tried [Hz], and how many."""
+
+DAMPING = 0.2
+"""Damping ratio of the oscillators: with less, their phase would follow from the frequency more closely than a link's
+inertia, which changes with the pose, lets it."""
+
+LEAST = 0.25
+"""Share of the torque's mismatch that an oscillator explains where it is a hypothesis."""
+
+SHARED = 2
+"""Joints of which the most is explained, by which a base is judged: it moves all of them, but few show it."""
+
+NEARLY = 0.8
+"""Share of what the best one explains from which another oscillator is its alternative."""
+
+RIGHT = (0.4, 1.6)
+"""Sizes of an elastic drive's torque, in what follows from its frequency, with which it is one."""
+
 
 def _frequency(at: Place) -> float:
     return at.model.hidden.frequency if at.model.hidden else 0.0

@@ -15,32 +15,11 @@ import mujoco
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from mrwarp.robot_logs.channels.consistency import STANDSTILL
+from mrwarp.robot_logs.causes.of_channels import STANDSTILL
+from mrwarp.robot_logs.causes.of_hidden import DAMPING, HIGHEST, LEAST, LOWEST, NEARLY, RIGHT, SHARED, SMOOTHED, STEPS
 from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
 from mrwarp.robot_logs.replay_model import Hidden, ReplayModel
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog
-
-SMOOTHED = 0.03
-"""Time over which angles and torques are smoothed [s]: faster oscillations do not pass."""
-
-LOWEST, HIGHEST, STEPS = 2.0, 20.0, 40
-"""Natural frequencies that are tried [Hz], and how many."""
-
-DAMPING = 0.2
-"""Damping ratio of the oscillators: with less, their phase would follow from the frequency more closely than a link's
-inertia, which changes with the pose, lets it."""
-
-LEAST = 0.25
-"""Share of the torque's mismatch that an oscillator explains where it is a hypothesis."""
-
-SHARED = 2
-"""Joints of which the most is explained, by which a base is judged: it moves all of them, but few show it."""
-
-NEARLY = 0.8
-"""Share of what the best one explains from which another oscillator is its alternative."""
-
-RIGHT = (0.4, 1.6)
-"""Sizes of an elastic drive's torque, in what follows from its frequency, with which it is one."""
 
 
 class Oscillator(NamedTuple):
@@ -129,13 +108,19 @@ def _explained(
         rows = [
             np.stack(
                 [
-                    x.gravity[:, j], x.inertial[:, j], np.tanh(x.qd[:, j] / STANDSTILL), x.qd[:, j],
-                    np.gradient(x.asked[:, j], run.dt), np.ones(len(x.q)), t[:, j], x.asked[:, j] - x.rigid[:, j],
+                    x.gravity[:, j],
+                    x.inertial[:, j],
+                    np.tanh(x.qd[:, j] / STANDSTILL),
+                    x.qd[:, j],
+                    np.gradient(x.asked[:, j], run.dt),
+                    np.ones(len(x.q)),
+                    t[:, j],
+                    x.asked[:, j] - x.rigid[:, j],
                 ],
                 axis=1,
             )
             for run, x, t in zip(log.runs, along, torque, strict=True)
-        ]  # fmt: skip
+        ]
         full = np.concatenate(rows)
         others, own = full[:, :6], full[:, 6:]
         rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.robot_logs.channels.hidden_dynamics import DAMPING, behind, with_oscillator
+from mrwarp.robot_logs.causes.of_hidden import DAMPING
+from mrwarp.robot_logs.channels.hidden_dynamics import behind, with_oscillator
 from mrwarp.robot_logs.replay_model import Hidden, replay_model
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record

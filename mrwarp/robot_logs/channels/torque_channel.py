@@ -13,28 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, SPEAKS, STANDSTILL, UNLIKE
 from mrwarp.robot_logs.causes.places import torque_scale
 from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog, reads_torque
 from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.left_out import in_a_row
-
-SMOOTHED = 0.1
-"""Time over which angles and torques are smoothed [s]: accelerations are second derivatives of encoders."""
-
-STANDSTILL = 0.05
-"""Speed within which dry friction changes its sign [rad/s]."""
-
-UNLIKE = 3.0
-"""Factor by which a channel differs from a torque, either way, that is no gain of a sensor but another unit."""
-
-EXPLAINED = 0.8
-"""Share of a channel's variance that follows from a torque where its unit is judged."""
-
-SPEAKS = 0.005
-"""Variation of the links' torque, in what the drive can give, from which it says what a channel is: that of the least
-friction that counts."""
 
 
 class Fit(NamedTuple):
