@@ -1,4 +1,4 @@
-"""What moves in a held robot besides the joints that its log has: links on elastic drives, a base that gives way.
+"""Motions of a held robot that its log does not have: links on elastic drives, a base that gives way.
 
 Both are oscillators that the logged motion drives. The torque by which they differ from rigid bodies follows from it,
 for each natural frequency; the one that explains the torque that is left is found by a search over frequencies. The
