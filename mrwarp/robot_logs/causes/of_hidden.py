@@ -10,8 +10,8 @@ from mrwarp.robot_logs.causes.places import Place
 SMOOTHED = 0.03
 """Time over which angles and torques are smoothed [s]: faster oscillations do not pass."""
 
-LOWEST, HIGHEST, STEPS = 2.0, 20.0, 40
-"""Natural frequencies that are tried [Hz], and how many."""
+LOWEST, HIGHEST, STEPS = 2.0, 12.0, 24
+"""Natural frequencies that are tried [Hz], and how many: of faster oscillators delays are much as they are."""
 
 DAMPING = 0.2
 """Damping ratio of the oscillators: with less, their phase would follow from the frequency more closely than a link's

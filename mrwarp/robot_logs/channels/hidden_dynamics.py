@@ -46,6 +46,8 @@ def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
         return model
     along = [torques_along(model, log, run, SMOOTHED) for run in log.runs]
     found = [(own, j) for j in range(len(log.joints)) if (own := _elastic(model, log, along, j)) is not None]
+    if len(found) > 1:  # drives that all seem elastic have something else in common
+        found = []
     if len(log.joints) > 1 and (base := _base(model, log, along)) is not None:
         found.append((base, -1))
     if not found:
@@ -59,6 +61,12 @@ def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
 def _frequencies(log: RobotLog) -> np.ndarray:
     top = min(HIGHEST, *(0.1 / run.dt for run in log.runs))
     return np.geomspace(LOWEST, max(top, 1.1 * LOWEST), STEPS)
+
+
+def _inside(best: Oscillator | None, log: RobotLog) -> Oscillator | None:
+    """An oscillator whose frequency lies between those that are tried: at their ends it stands for another."""
+    tried = _frequencies(log)
+    return best if best is not None and tried[0] < best.frequency < tried[-1] else None
 
 
 def _elastic(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j: int) -> Oscillator | None:
@@ -76,7 +84,7 @@ def _elastic(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j
         # an encoder at the motor does not see the link's swing, one at the link not the motor's, which leads as much
         if RIGHT[0] < abs(size) < RIGHT[1] and share > max(LEAST, best.share if best else 0.0):
             best = Oscillator(float(frequency), tuple(np.sign(size) * x for x in torque), share)
-    return best
+    return _inside(best, log)
 
 
 def _base(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques]) -> Oscillator | None:
@@ -93,7 +101,7 @@ def _base(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques]) -> O
         size, share = _explained(log, along, torque, joints)
         if size > 0.0 and share > max(LEAST, best.share if best else 0.0):
             best = Oscillator(float(frequency), tuple(size * x for x in torque), share)
-    return best
+    return _inside(best, log)
 
 
 def _explained(
@@ -105,24 +113,14 @@ def _explained(
     """
     dots, powers = [], []
     for j in joints:
-        rows = [
-            np.stack(
-                [
-                    x.gravity[:, j],
-                    x.inertial[:, j],
-                    np.tanh(x.qd[:, j] / STANDSTILL),
-                    x.qd[:, j],
-                    np.gradient(x.asked[:, j], run.dt),
-                    np.ones(len(x.q)),
-                    t[:, j],
-                    x.asked[:, j] - x.rigid[:, j],
-                ],
-                axis=1,
-            )
-            for run, x, t in zip(log.runs, along, torque, strict=True)
-        ]
+        rows = []
+        for run, x, t in zip(log.runs, along, torque, strict=True):
+            rate = np.gradient(x.asked[:, j], run.dt)  # with the next one: of a delay, to second order
+            late = [rate, np.gradient(rate, run.dt), np.gradient(np.gradient(x.rigid[:, j], run.dt), run.dt)]
+            free = [x.gravity[:, j], x.inertial[:, j], np.tanh(x.qd[:, j] / STANDSTILL), x.qd[:, j], *late]
+            rows.append(np.stack([*free, np.ones(len(x.q)), t[:, j], x.asked[:, j] - x.rigid[:, j]], axis=1))
         full = np.concatenate(rows)
-        others, own = full[:, :6], full[:, 6:]
+        others, own = full[:, :-2], full[:, -2:]
         rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
         scale = max(float((rest[:, 1] ** 2).sum()), 1e-300)
         dots.append(float(rest[:, 0] @ rest[:, 1]) / scale)
