@@ -129,6 +129,6 @@ def test_drives_that_compensate_gravity_are_no_fault(tmp_path: Path) -> None:
     ],
 )
 def test_public_logs_that_were_read_wrongly(log: str, robot: str, names: list[tuple[str, str]]) -> None:
-    """What contradicts itself is named, and nothing else."""
+    """The contradiction is named, and nothing else."""
     d = diagnose_log(CASES / robot, open_log(CASES / log))
     assert [(c.name, c.where) for c in d.causes] == names
