@@ -29,8 +29,8 @@ MISSED = 0.02
 """Share of a leg's reach, or sine of a sole's angle, by which a search may miss before others are begun."""
 
 TILT, UNEVEN = 0.035, 0.01
-"""What is no stance, in addition to legs beyond :data:`BENT`: a sole tilted by more [rad], which is 2 degrees, and feet
-that differ in height by more of the reach. A soft contact gives way as much."""
+"""Faults of a stance, in addition to legs beyond :data:`BENT`: a sole tilted by more [rad], which is 2 degrees, and
+feet that differ in height by more of the reach. A soft contact gives way as much."""
 
 ASIDE = 0.25
 """How far the centre of mass may be outside the feet, as a share of the reach: two feet of points are held by gait."""
@@ -109,7 +109,7 @@ class _Plane:
         return float(away @ self.forward), side, -float(away[2]) - share
 
     def upwards(self, q: Mapping[str, float]) -> np.ndarray:
-        """What pointed up on the foot when the leg hung stretched, shape (3,)."""
+        """The axis that pointed up on the foot when the leg hung stretched, shape (3,)."""
         return self.poses(q)[self.foot.body][:3, :3] @ self.up
 
     def tilt(self, q: Mapping[str, float]) -> float:
@@ -230,7 +230,7 @@ class Residuals:
 
     @property
     def faults(self) -> list[str]:
-        """What keeps it from a stance."""
+        """Faults that keep it from a stance."""
         share, wanted = self.reach
         found = []
         if self.uneven > UNEVEN * self.size:

@@ -1,4 +1,4 @@
-"""What of a file is not carried is named: nothing of it can be dropped unseen."""
+"""Parts of a file that are not carried are named: nothing of it can be dropped unseen."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -50,12 +50,12 @@ def biped(folder: Path, *, cant: float, knee: int = 1, ankle: str = "-1 1", tail
 
 
 def stance_note(robot: UnderstoodRobot) -> str:
-    """What was said of the stance."""
+    """The note on the stance."""
     return next(note for note in robot.notes if "[stance" in note)
 
 
 def soles(robot: UnderstoodRobot) -> np.ndarray:
-    """What points up on each foot [1], shape (2, 3)."""
+    """Axes that point up on each foot [1], shape (2, 3)."""
     poses = robot.robot.poses(robot.layout.neutral)
     return np.array([poses[foot.body].rotation.apply([0.0, 0.0, 1.0]) for foot in robot.feet])
 

@@ -59,7 +59,7 @@ class Tie:
         return self.before * moved * self.after
 
     def reversed(self) -> Tie:
-        """The same joint, seen from the child."""
+        """Seen from the child."""
         swapped = {"parent": self.child, "child": self.parent, "before": self.after.inv(), "after": self.before.inv()}
         return Tie(**{**vars(self), **swapped, "axis": -self.axis})
 

@@ -141,10 +141,10 @@ def _dynamics(
         other, pull = second.dynamics({**robot.held, **q})
         other, pull = change.T @ other[np.ix_(order, order)] @ change, change.T @ pull[order]
         size = np.sqrt(np.maximum(np.diag(other), 1e-12))
-        apart = np.abs(own - other) / np.outer(size, size)
-        i, j = np.unravel_index(int(np.argmax(apart)), apart.shape)
+        gap = np.abs(own - other) / np.outer(size, size)
+        i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
         what = f"mass matrix at {rows[i]}, {rows[j]} {own[i, j]:.6g} against {other[i, j]:.6g}"
-        found = [("matrix", Difference(what=what, size=float(apart[i, j])))]
+        found = [("matrix", Difference(what=what, size=float(gap[i, j])))]
         mass = sum(body.mass for body in robot.bodies)
         lost = np.abs(weight - pull) / (size * np.sqrt(mass) * GRAVITY)
         i = int(np.argmax(lost))

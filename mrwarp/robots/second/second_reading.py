@@ -33,7 +33,7 @@ FAR = 1e6
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What one reading says of a robot."""
+    """Numbers of a robot by one reading."""
 
     by: str
     """Who read it."""
