@@ -24,6 +24,7 @@ from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection, screen_candidates
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import Ranges
+from mrwarp.identify.parameters import LINEAR
 from mrwarp.sysid.settings import Gain, Proof, Settings
 from tests.diagnose import known
 
@@ -167,6 +168,23 @@ def test_what_another_term_takes_back_is_a_suspect() -> None:
     stiffness = 300.0 * problem.motion.torque.std() / np.ptp(problem.motion.q)
     made = as_fitted(problem, "compliance_with_backlash", stiffness=float(stiffness), half_gap=1e-3)
     assert "times the torque" in _size_rejection("compliance_with_backlash", made, problem)
+
+
+def test_a_mass_against_its_spring_is_possible() -> None:
+    """Near resonance an inertia bears more than the whole torque, which the spring takes back: both are there."""
+    problem = known.problem(seed=50, at=known.motion(50, runs=4, seconds=2.0))
+    motion = problem.motion
+    inertia = 1.2 * motion.torque.std() / motion.qdd.std()
+    spring = -inertia * float(motion.qdd @ motion.q) / float(motion.q @ motion.q)
+    fit = known.fitted(problem, {"rotor_inertia": {"inertia": 0.0}})
+    x = fit.x.copy()
+    x[fit.parameters.own("rotor_inertia")] = inertia
+    alone = replace(fit, x=x, torque=problem.replay.torque(fit.parameters.row(x)[None])[0].astype(float))
+    assert "times the torque" in _size_rejection("rotor_inertia", alone, problem)
+    x = x.copy()
+    x[LINEAR.index("C")] += spring
+    both = replace(alone, x=x, torque=problem.replay.torque(fit.parameters.row(x)[None])[0].astype(float))
+    assert "times the torque" not in _size_rejection("rotor_inertia", both, problem)
 
 
 @pytest.mark.parametrize(("share", "possible"), [(0.2, True), (0.3, False)])

@@ -59,6 +59,20 @@ def test_a_look_at_a_candidate_is_taken_once(monkeypatch: pytest.MonkeyPatch) ->
     assert asked[2:] == [["coil_lag", "wear"]]
 
 
+def test_a_body_s_mechanics_are_found_together() -> None:
+    """Inertia and a weight come with their sizes from one regression; a negative inertia and clean data give none."""
+    names = [name for name, law in CATALOGUE.items() if law.mechanics]
+    problem = made({"rotor_inertia": {"inertia": 0.01}, "gravity": {"sine": 1.5, "cosine": 0.8}})
+    found = {c.effect: c.values for c in screening.lacking_together(problem, known.fitted(problem), names)}
+    assert {"rotor_inertia", "gravity"} <= found.keys()
+    np.testing.assert_allclose(found["rotor_inertia"], 0.01, rtol=0.05)
+    np.testing.assert_allclose(found["gravity"][1], 0.8, rtol=0.1)  # over a short way the sine is known as C only
+    for hidden in ({"rotor_inertia": {"inertia": -0.01}}, None):
+        problem = made(hidden)
+        found = screening.lacking_together(problem, known.fitted(problem), names)
+        assert len(found) < 2 and not (hidden and [c for c in found if c.effect == "rotor_inertia"])
+
+
 def test_nothing_is_named_in_clean_data() -> None:
     """The final model is the baseline; it gains nothing, and no structure is left above the threshold."""
     for seed in (50, 51):
