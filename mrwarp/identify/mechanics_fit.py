@@ -26,7 +26,7 @@ from mrwarp.sysid.certainty import gain_and_t
 from mrwarp.sysid.settings import Data, Gain, Settings
 
 SPRING = "C"
-"""The term of eq. 14 that may go as an effect does: a weight and a spring are alike over a short way."""
+"""The term of eq. 14 that may go as an effect does: over a short way a weight and a spring resemble each other."""
 
 
 RUBS = next(name for name, law in CATALOGUE.items() if law.mechanics and law.dry)
