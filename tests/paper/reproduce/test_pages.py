@@ -1,6 +1,7 @@
 """Pages are filled from the committed results, and a page that differs is seen."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -144,3 +145,11 @@ def test_stale_entries_are_listed_and_noted(
     parts = {"table2": PART, "table3": {**PART, "made": "2026-11-30"}}
     said = age.note(parts, ("table2", "table3"), ["table3"])
     assert said.startswith("*2 entries, 2026-11-29 to 2026-11-30; 1 of them **stale**: what they rest on")
+
+
+@pytest.mark.parametrize("page", pages.pages(), ids=lambda page: page.name)
+def test_a_figure_with_its_spread_stands_in_a_block(page: Path) -> None:
+    """Typed in by hand it would be older than the code; these pages name the commit or the command next to it."""
+    text = pages.BLOCK.sub("", page.read_text(encoding="utf-8"))
+    typed = [line for line in text.splitlines() if re.search(r"\d ± \d", line)]
+    assert not typed or page.name in ("beyond.md", "choices.md", "data.md"), typed
