@@ -1,8 +1,8 @@
 """Hide causes in the virtual robot, diagnose its logs, and count how often cause and place are right.
 
 Each case records a log with ``mrwarp log record``'s virtual robot, which is simulated by other code than the replay,
-and diagnoses it. Of ``proposed`` the causes are those that a log of ``--motion`` cannot show, each recorded in the motion
-that the verdict proposes. A case is a line of ``DIR/cases.jsonl``; cases that are there are not run again.
+and diagnoses it. Of ``proposed`` the causes are those that a log of ``--motion`` cannot show, each recorded in the
+motion that the verdict proposes. A case is a line of ``DIR/cases.jsonl``; cases that are there are not run again.
 """
 
 from __future__ import annotations
