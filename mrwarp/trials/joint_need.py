@@ -32,7 +32,7 @@ class Need:
     trotting: float
     """On the legs of half a gait alone, whichever need more."""
     pushed: float
-    """The same under the push."""
+    """On those legs under the push."""
     holds: float
     """Most that the device holds, eq. 18 at its largest current."""
     slides: float

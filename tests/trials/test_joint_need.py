@@ -1,4 +1,4 @@
-"""What joints need next to what devices bear: statics by another way, and warnings that name the weak and the busy."""
+"""Needs of joints next to what devices bear: statics by another way, and warnings that name the weak and the busy."""
 
 from dataclasses import replace
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -11,11 +12,12 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from mrwarp.paper import GRAVITY
+from mrwarp.robots.drives import Drive
 from mrwarp.robots.foreign import NO_LIMITS, ForeignRobot, RobotFileError
 from mrwarp.robots.guesses import Guess, Subject, some
-from mrwarp.robots.legs import UnderstoodRobot
 from mrwarp.robots.second.second_reading import Reading, by_label, mujoco_reading, second_reading
 from mrwarp.run_dir import one_line
+from mrwarp.usd.robot import Layout
 
 AGREES = 1e-5
 """Relative difference up to which two readings are one: the file that is written holds 7 digits."""
@@ -31,6 +33,30 @@ SEED = 3
 """Of the poses."""
 
 
+class Understood(Protocol):
+    """A robot as the import has understood it: a :class:`~mrwarp.robots.legs.UnderstoodRobot`."""
+
+    @property
+    def robot(self) -> ForeignRobot:
+        """Bodies and joints of the file."""
+        ...
+
+    @property
+    def layout(self) -> Layout:
+        """Driven joints and neutral stance."""
+        ...
+
+    @property
+    def drives(self) -> Mapping[str, Drive]:
+        """Drive of each joint."""
+        ...
+
+    @property
+    def given_rotors(self) -> Collection[str]:
+        """Joints whose rotor inertia the user gave."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Difference:
     """One number in which the written robot differs from the second reading."""
@@ -41,7 +67,7 @@ class Difference:
     """Relative."""
 
 
-def checked(understood: UnderstoodRobot, model: mujoco.MjModel) -> Guess:
+def checked(understood: Understood, model: mujoco.MjModel) -> Guess:
     """A note on how far a robot agrees with the second reading of its file.
 
     Args:
@@ -86,7 +112,7 @@ def _written(robot: ForeignRobot, model: mujoco.MjModel) -> Reading:
     return mujoco_reading(model, bare, by="written", names=names, tilted=False)
 
 
-def _differences(understood: UnderstoodRobot, written: Reading, second: Reading) -> Iterator[Difference]:
+def _differences(understood: Understood, written: Reading, second: Reading) -> Iterator[Difference]:
     """Joints, then dynamics at several poses, limits and motors."""
     robot = understood.robot
     gone = [name for name in second.joints if name not in written.joints and name not in robot.held]
