@@ -427,8 +427,8 @@ def bench_note(model: Model) -> str:
         return ""
     own = [p for p in asked if any(e.bench for e in model.effects if e.name in BENCH_PARTS[p])]
     travel = [p for p in asked if p not in own]
-    words = [f"{' and '.join(own)} stay on the bench"] if own else []
-    words += [f"{' and '.join(travel)} travel with the device into a robot's joint"] if travel else []
+    words = [f"of the bench: {', '.join(own)}"] if own else []
+    words += [f"part of the device in a robot's joint: {', '.join(travel)}"] if travel else []
     return f"note: {'; '.join(words)}; --bench {' '.join(asked)} marks what belongs to the bench"
 
 
