@@ -26,6 +26,7 @@ def main() -> int:
     parser.add_argument("--noise", choices=NOISES, help="noise of every data set (default: realistic; none: in turn)")
     parser.add_argument("--spread", type=float, help="spread of the base coefficients (default: 0.02; none: and 0.2)")
     parser.add_argument("--truth-rate", type=float, help="lowest rate of the truth's steps in 1/s (default: 2000)")
+    parser.add_argument("--joined", action="store_true", help="each session as one run, without a stop")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0 runs in this one")
     parser.add_argument("--check-gain", action="store_true", help="compare claimed gains with untouched sessions")
     parser.add_argument(
@@ -48,6 +49,7 @@ def main() -> int:
             noise=args.noise,
             base_spread=args.spread,
             truth_rate=args.truth_rate,
+            joined=args.joined,
             kinds=tuple(args.kinds),
         )
         if args.only is not None:

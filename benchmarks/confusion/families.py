@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from benchmarks.confusion import foreign, mechanics, outside
 from benchmarks.confusion.case import Case, JointCase, make_case, make_foreign, make_joint
 from benchmarks.confusion.effects import CALIBRATION, PAIRS, SINGLE, UNCATALOGUED
+from benchmarks.confusion.motion import joined
 
 OTHER_LAWS = {"foreign": foreign, "outside": outside, "mechanics": mechanics}
 """Families of devices that follow other laws than eqs. 14 and 15: published ones, ones in no list of laws, none."""
@@ -65,6 +66,8 @@ class Plan:
     """Spread of all coefficients; None: 0.02, in the family "none" 0.02 and 0.2 in turn."""
     truth_rate: float | None = None
     """Lowest rate at which the truth is stepped [1/s]; None: 2 kHz."""
+    joined: bool = False
+    """Whether each session is recorded as one run, its trajectories one after another without a stop."""
     kinds: tuple[str, ...] = ()
     """Only these effects (a pair as ``a+b``); empty for all."""
 
@@ -115,6 +118,6 @@ class Plan:
         """Make the case ``index``."""
         if self.family == "mechanics":
             return make_joint(**self.arguments(index))
-        if self.family in OTHER_LAWS:
-            return make_foreign(**self.arguments(index))
-        return make_case(**self.arguments(index))
+        made = make_foreign if self.family in OTHER_LAWS else make_case
+        case = made(**self.arguments(index))
+        return replace(case, motion=joined(case.motion)) if self.joined else case

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from benchmarks.confusion.current import Current
 from benchmarks.confusion.path import Path, Turns
@@ -35,6 +35,9 @@ DWELL = (0.6, 2.0)
 
 STEP = (0.15, 0.7)
 """Smallest and largest current step [A]."""
+
+LEADS_OVER = 0.6
+"""Time in which the end of a trajectory is led to the beginning of the next, where all are one run [s]."""
 
 UPDATE_RATE = 50.0
 """Updates of the current in gait-like motion [1/s]."""
@@ -165,6 +168,35 @@ def make_session(
         qd=np.stack([rows[k][1] for k in order]),
         command=Current.steps([rows[k][2] for k in order], [rows[k][3] for k in order]),
         start=np.concatenate([[0.0], np.cumsum(seconds + rest)]),
+    )
+
+
+def joined(motion: Motion) -> Motion:
+    """All trajectories as one run, each led smoothly to where the next begins: a cubic over :data:`LEADS_OVER`."""
+    gap = round(LEADS_OVER / motion.dt)
+    length = motion.q.shape[1] + gap - 1
+    at = np.arange(1, gap) * motion.dt
+    q, qd, edges, levels = [], [], list[np.ndarray](), list[np.ndarray]()
+    for k in range(len(motion.q)):
+        q.append(motion.q[k])
+        qd.append(motion.qd[k])
+        used = np.isfinite(motion.command.edge[k])
+        edges.append(motion.command.edge[k][used] + k * length * motion.dt)
+        levels.append(motion.command.target[k][used])
+        if k + 1 < len(motion.q):
+            ends = [motion.q[k, -1], motion.q[k + 1, 0]], [motion.qd[k, -1], motion.qd[k + 1, 0]]
+            lead = CubicHermiteSpline([0.0, gap * motion.dt], *ends)
+            q.append(lead(at))
+            qd.append(lead(at, 1))
+    whole, velocity = np.concatenate(q), np.concatenate(qd)
+    count = (len(whole) - 1) // motion.substeps * motion.substeps + 1
+    return replace(
+        motion,
+        kind=("joined",),
+        q=whole[None, :count],
+        qd=velocity[None, :count],
+        command=Current.steps([np.concatenate(edges)], [np.concatenate(levels)]),
+        start=np.zeros(1),
     )
 
 

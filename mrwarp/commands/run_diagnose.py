@@ -16,7 +16,7 @@ class Diagnose(DiagnoseRobot, DiagnoseJoint):
     """Hand DATA over to 'mrwarp diagnose joint' or 'mrwarp diagnose robot', whose --help has their own options only.
 
     Only a recording of a joint takes --model, --predict, --averaged, --impact and --learn. Only a robot's log takes
-    --robot, --device, --policy, --live, --rrd, --map and --units.
+    --robot, --device, --policy, --live, --rrd and --units.
     """
 
     after_verdict = (*DiagnoseJoint.after_verdict, *DiagnoseRobot.after_verdict)
@@ -40,7 +40,7 @@ class Diagnose(DiagnoseRobot, DiagnoseJoint):
 
     def _refuse_other(self, command: type[DiagnoseOptions], reason: str) -> None:
         """Raise ValueError where an option was given that only ``command`` has."""
-        shared = {field.name for field in fields(DiagnoseOptions)}
+        shared = {field.name for field in fields(DiagnoseRobot)} & {field.name for field in fields(DiagnoseJoint)}
         for field in fields(command):
             if field.name not in shared and getattr(self, field.name) != field.default:
                 raise ValueError(f"--{field.name}{reason.format(self.data)}")

@@ -28,7 +28,9 @@ class DiagnoseJoint(DiagnoseOptions):
     after_verdict = ("predict", "impact", "learn")
 
     data: opt.Data
-    """recording: a CSV or Parquet file, or a folder of them"""
+    """recording: a CSV, Parquet, .mat, .npz or .xlsx file, or a folder of them"""
+    map: opt.OptionalFile = None
+    """JSON that names columns and units, in place of the units.json next to the data"""
     model: opt.OptionalFile = None
     """nominal model.json, or a device of 'mrwarp device list', against which shifts of calibration count"""
     predict: opt.OptionalFolder = None
@@ -122,7 +124,7 @@ class DiagnoseJoint(DiagnoseOptions):
         from mrwarp.recording.load import check_same_units, load_recording
 
         progress(f"reading {self.data}")
-        recording = load_recording(self.data, skip_bad=self.skip_bad)
+        recording = load_recording(self.data, skip_bad=self.skip_bad, declared=self.map)
 
         from mrwarp.model_file import JOINT_UNITS, load_model
 

@@ -28,8 +28,8 @@ class Check(opt.LogOptions):
 
     engines = False
     data: opt.Data
-    """CSV or Parquet file, or a folder of them; or a robot's log: a folder with log.json, a bag, a data set of LeRobot,
-    a .pt of PACE, a CSV of Isaac Sim's system identification"""
+    """CSV, Parquet, .mat, .npz or .xlsx file, or a folder of them; or a robot's log: a folder with log.json, a bag, a
+    data set of LeRobot, a .pt of PACE, a CSV of Isaac Sim's system identification"""
     skip_bad: opt.Flag = False
     """leave out files of a folder that cannot be used, by name"""
 
@@ -47,38 +47,43 @@ class Check(opt.LogOptions):
             log = open_log(self.data, skip_bad=self.skip_bad, **self.said)
             print("\n".join([*robot_log.describe(log), *(f"note: {note}" for note in log.notes)]))
             return 0
-        if self.said:
+        if self.units:
             raise ValueError(
-                f"--map and --units: {self.data} is the recording of a joint, no robot's log; leave them out"
+                f"--units: {self.data} is the recording of a joint, no robot's log; declare them in units.json, or in "
+                "the file of --map"
             )
-        recording, tests_file = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
-        recording, found = _mended(recording)
+        recording = load_recording(self.data, skip_bad=self.skip_bad, declared=self.map)
+        tests_file = find_holding(self.data)
+        described, (recording, found) = recording, _mended(recording)
         wrong = contradictions(recording)
         unproven = [f"no verdict by diagnose: {text}" for text in no_verdict_reasons(recording) if text not in wrong]
         if warned := "" if wrong else forewarning(recording):
             unproven.append(warned)
         lines = describe(
-            recording, "cannot be used" if wrong else "readable, but see the last note" if warned else "good"
+            described, "cannot be used" if wrong else "readable, but see the last note" if warned else "good"
         )
         if tests_file:
             holding = load_holding(tests_file, recording)
             count = f"{len(holding.current)} tests at {len({*holding.current})} currents"
             unit = recording.units["torque"]
             lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({tests_file})")
-        print("\n".join([*lines, *(f"note: {note}" for note in [*found, *notes(recording), *unproven])]))
+        found += [f"{repair.trajectory}: {repair.text}" for repair in recording.repairs if repair.kind == "cut"]
+        print("\n".join([*lines, *(f"note: {note}" for note in [*found, *notes(described), *unproven])]))
         if wrong:
             raise RecordingError(f"{self.data}: {wrong[0]}")
         return 0
 
 
 def _mended(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording that ``check``, ``fit`` and ``diagnose`` judge, what was turned in it, and what its runs lack."""
+    """The recording that ``check``, ``fit`` and ``diagnose`` judge, what was done to it, and what its runs lack."""
     from mrwarp.diagnose.checks.recording_faults import turned_signs
     from mrwarp.identify.checks.run_levels import levels_without_clock
+    from mrwarp.recording.blocks import in_blocks
 
     mended, fault = turned_signs(recording)
     levels = levels_without_clock(mended)
-    return mended, [*([fault.sentence] if fault else []), *([levels] if levels else [])]
+    found = [*([fault.sentence] if fault else []), *([levels] if levels else [])]
+    return in_blocks(mended), found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +92,9 @@ class Fit(Options):
 
     engines = False  # before the data are read
     data: opt.Data
-    """recording: a CSV or Parquet file, or a folder of them"""
+    """recording: a CSV, Parquet, .mat, .npz or .xlsx file, or a folder of them"""
+    map: opt.OptionalFile = None
+    """JSON that names columns and units, in place of the units.json next to the data"""
     out: opt.Folder = Path("runs/fit")
     """output folder"""
     holding: opt.OptionalFile = None
@@ -125,7 +132,7 @@ class Fit(Options):
 
         progress = ProgressBar()
         progress(f"reading {self.data}")
-        recording = self._kept(load_recording(self.data, skip_bad=self.skip_bad))
+        recording = self._kept(load_recording(self.data, skip_bad=self.skip_bad, declared=self.map))
         recording, found = _mended(recording)
         for note in [*recording.repaired(), *found]:
             progress(f"note: {note}")

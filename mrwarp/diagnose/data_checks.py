@@ -9,6 +9,7 @@ import numpy as np
 from mrwarp.diagnose.checks.recording_faults import turned_signs
 from mrwarp.identify.checks.refusal_reason import explains_nothing, missed
 from mrwarp.identify.contradictions import contradictions
+from mrwarp.recording.blocks import is_cut
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, session_clock, true_names
 from mrwarp.recording.saturation import saturated
 from mrwarp.sysid.report.words import both
@@ -125,6 +126,11 @@ def gaps(recording: Recording, settings: Settings | None = None) -> list[str]:
         found.append(
             f"the {name} is constant within each trajectory: coil lag, command delay and remanence cannot be seen; "
             f"record steps of the {name} while the joint moves"
+        )
+    if is_cut(recording):
+        found.append(
+            "the blocks are of one set-up: what differs from one session to the next (wear, another zero or "
+            "mounting, a cold start) cannot be seen; record several runs, some of them on another day"
         )
     if len(runs) > 1 and session_clock(recording) is None:
         found.append(

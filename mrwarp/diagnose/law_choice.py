@@ -16,7 +16,7 @@ import numpy as np
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, threshold
 from mrwarp.diagnose.screening import Candidate, lacking_together
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
-from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, zero_line, zeros_moved
+from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, turn_back, zero_line, zeros_moved
 from mrwarp.identify.parameters import LINEAR, SHAPE, SHAPE_PART, YIELDING, slots_of
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
@@ -143,7 +143,7 @@ def choose_law(
     if not choice.other:
         return choice, problem, base
     # friction that differs by direction is searched as a cause
-    if zeros_moved(found, one_zero(found, search.replay, settings.moved), settings.moved):
+    if turn_back(motion) and zeros_moved(found, one_zero(found, search.replay, settings.moved), settings.moved):
         problem, offsets = _without_zeros(problem, found, names)
         choice = replace(choice, offsets=offsets)
     log(f"the hysteresis has another shape: {choice.title}")
@@ -177,8 +177,9 @@ def may_follow_another_law(problem: Problem, base: Fit) -> bool:
 
 def structured(problem: Problem, base: Fit) -> bool:
     """Whether the mismatch is large against the noise from sample to sample: then plain error decides."""
-    left = problem.motion.torque - base.torque
-    bends = np.concatenate([np.diff(left[part], 2) for part in problem.motion.parts])
+    left, counts = problem.motion.torque - base.torque, problem.weight > 0.0
+    bends = np.concatenate([np.diff(left[part], 2)[counts[part][2:]] for part in problem.motion.parts])
+    left = left[counts]
     noise = 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6.0)
     return float(np.sqrt(np.mean(left**2))) > problem.settings.law.structured * noise
 
@@ -189,7 +190,7 @@ def misfits(problem: Problem, fit: Fit) -> bool:
     Below :attr:`~mrwarp.sysid.settings.Gain.detail` what it leaves is a correction to a model that is right, and may be
     whitened.
     """
-    left = problem.motion.torque - fit.torque
+    left = (problem.motion.torque - fit.torque)[problem.weight > 0.0]
     detail = problem.settings.gain.detail * float(problem.motion.torque.std())
     return structured(problem, fit) and float(left.std()) > detail
 

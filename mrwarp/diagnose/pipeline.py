@@ -41,6 +41,7 @@ from mrwarp.identify.checks.stated import stated_numbers
 from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
 from mrwarp.model_file import Model, Parameter, completed, parameter_unit, stated
+from mrwarp.recording.blocks import in_blocks
 from mrwarp.recording.load import Holding, Recording
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import being_checked
@@ -82,6 +83,7 @@ def diagnose(
     log = progress or (lambda text: None)
     begun = time.perf_counter()
     settings = settings or Settings()
+    recording = in_blocks(recording)
     if reasons := no_verdict_reasons(recording, settings):
         return without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
     session = _prepared(recording, effects, settings, model=model, threads=threads, seed=seed, log=log)

@@ -144,10 +144,14 @@ def forewarning(recording: Recording, settings: Settings | None = None, *, least
 
 
 def _jumps(recording: Recording, gain: Gain) -> str:
-    """Whether the angle jumps in a way that was not put right when it was read: often, or beyond its motion."""
+    """Whether the angle jumps in a way that was not put right when it was read: often, or beyond its motion.
+
+    Where a run rests, an encoder on its edge flips: next to the motion of the other runs that is nothing.
+    """
+    most = max(float(np.ptp(run.q)) for run in recording.trajectories)
     for run in recording.trajectories:
         steps, reach = np.abs(np.diff(run.q)), float(np.ptp(run.q))
-        at = np.flatnonzero(steps > gain.half * reach)
+        at = np.flatnonzero(steps > max(gain.half * reach, gain.share * most))
         at = at[(at >= 3) & (at + 4 < len(run.q))]
         stays = [abs(np.median(run.q[k + 1 : k + 5]) - np.median(run.q[k - 3 : k + 1])) > gain.half * reach for k in at]
         if any(stays) and np.percentile(steps, 95) < gain.share * reach:

@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 from mrwarp.effects.law import Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.kinematics import Kinematics, reconstruct
+from mrwarp.recording.blocks import is_cut
 from mrwarp.recording.data import is_load, quantity, session_clock
 from mrwarp.recording.load import Recording
 from mrwarp.sysid.settings import Settings
@@ -103,6 +104,8 @@ class Dataset:
     scales: Scales
     known: np.ndarray | None = None
     """False where the torque is unknown, as its sensor was at the end of its range, or a spike; (N,); None: nowhere."""
+    cut: bool = False
+    """Whether the trajectories are blocks of longer ones, so that any of them may begin under way."""
 
     @classmethod
     def of(cls, recording: Recording, scales: Scales | None = None) -> Dataset:
@@ -117,6 +120,7 @@ class Dataset:
             dt=np.array([run.dt for run in runs]),
             scales=scales,
             known=np.concatenate([run.known for run in runs]) if any(run.lost is not None for run in runs) else None,
+            cut=is_cut(recording),
         )
 
     @property
@@ -137,7 +141,7 @@ class Dataset:
         Args:
             rate: How fast z forgets along the path, beta plus or minus gamma, the slower [1/inner unit of q].
         """
-        part_of = 10 if getattr(self, "middle", None) is None else 2
+        part_of = 2 if self.cut or getattr(self, "middle", None) is not None else 10
         weight = self.counts
         for part, dt in zip(self.parts, self.dt, strict=True):
             path = np.cumsum(np.abs(self.qd[part])) * dt
@@ -165,7 +169,7 @@ class Dataset:
         start = np.concatenate([[0], np.cumsum([len(i) for i in index])])
         arrays = {name: getattr(self, name)[pick] for name in ("q", "qd", "current", "torque")}
         known = None if self.known is None else self.known[pick]
-        return Dataset(**arrays, start=start, dt=self.dt[chosen], scales=self.scales, known=known)
+        return Dataset(**arrays, start=start, dt=self.dt[chosen], scales=self.scales, known=known, cut=self.cut)
 
 
 @dataclass(frozen=True, kw_only=True)

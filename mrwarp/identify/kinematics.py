@@ -345,7 +345,12 @@ def resting(
     still = (scatter < _SCATTER * sigma_q) & (drift < _T * sigma_q * np.sqrt(2.0 / half))
     if np.isfinite(sigma_v):
         path = np.concatenate([[0.0], np.cumsum(qd)])
-        still &= np.abs(path[width:] - path[:-width]) < _T * sigma_v * np.sqrt(width)
+        # a channel without a reading of 0 stands at half a step to either side of it
+        steps = np.abs(np.diff(qd))
+        half_step = 0.5 * float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
+        still &= np.abs(path[width:] - path[:-width]) < (_T * sigma_v + 1.01 * half_step * np.sqrt(width)) * np.sqrt(
+            width
+        )
     inside = np.convolve(still, np.ones(width)) > 0.5  # every sample of a window that is still
     edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2) if (b - a) * dt > shortest]

@@ -20,7 +20,7 @@ from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
 from mrwarp.effects.replay_kernel import BASE
 from mrwarp.identify.checks.refusal_reason import missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
-from mrwarp.identify.dataset import Motion, Scales
+from mrwarp.identify.dataset import Dataset, Motion, Scales
 from mrwarp.identify.fit import FitResult, fit_holding, made_motion, misfit
 from mrwarp.identify.intervals import Estimate
 from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, Slot, factor_of, jacobian, row_column, simulate
@@ -28,6 +28,7 @@ from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay, null_row
 from mrwarp.model_file import Effect, Model, Parameter, effect_unit
 from mrwarp.params import BoucWenParams
+from mrwarp.recording.data import goes_one_way
 from mrwarp.recording.load import Holding, Recording
 from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.least_squares import Rules, minimise, ridge_solve
@@ -244,7 +245,7 @@ def fit_law(
     plain = one_zero(best, search.replay, decides.moved)
     offsets: dict[str, float] = {}
     warnings = []
-    if zeros_moved(best, plain, decides.moved):
+    if turn_back(motion) and zeros_moved(best, plain, decides.moved):
         best, zeros = _with_zeros(search, best)
         offsets = {run.id: float(zero) * scales.torque for run, zero in zip(runs, zeros, strict=True)}
         warnings.append(_moving_zeros(recording.units["torque"], np.array(list(offsets.values()))))
@@ -317,6 +318,14 @@ def one_zero(found: Solution, replay: EffectReplay, moved: float) -> Solution:
 def zeros_moved(separate: Solution, together: Solution, moved: float) -> bool:
     """Whether zeros of the trajectories' own leave clearly less than one zero for all does."""
     return bool(separate.loss.sum() < moved * together.loss.sum())
+
+
+def turn_back(motion: Dataset) -> bool:
+    """Whether half of the trajectories go both ways, so that zeros of their own can be seen.
+
+    Of one that never turns back, dry friction and a zero are one number.
+    """
+    return 2 * sum(not goes_one_way(motion.qd[part]) for part in motion.parts) >= len(motion.parts)
 
 
 def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:

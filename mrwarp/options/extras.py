@@ -8,6 +8,7 @@ EXTRAS = {
     **dict.fromkeys(("tensorboard", "onnxscript"), "train"),
     "rerun": "view",
     **dict.fromkeys(("pyarrow", "rosbags"), "logs"),
+    **dict.fromkeys(("h5py", "openpyxl"), "files"),
     "ray": "sweep",
 }
 """Extra by the name under which a library is imported."""

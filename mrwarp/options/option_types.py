@@ -242,7 +242,8 @@ class LogOptions(Options):
     """Facts that a robot's log files leave open, for every command that reads one."""
 
     map: OptionalFile = None
-    """of a bag or another project's log: what its files do not say (default: map.json next to them, if it is there)"""
+    """what files do not say: of a joint's recording its columns and units (default: units.json next to it), of a bag or
+    another project's log the rest (default: map.json next to them, if it is there)"""
     units: Annotated[tuple[tuple[str, str], ...], some(unit_of, "CHANNEL=UNIT")] = ()
     """of another project's log: units of its channels, such as q=deg; commands and speeds follow q"""
 

@@ -30,6 +30,10 @@ _JUMPS = 3
 """Most jumps of an angle in a run: what is more frequent is how this joint moves."""
 _WRONG = 0.01
 """Largest share of readings that are replaced: what is more frequent is no exception."""
+_EDGE = 4.0
+"""Usual steps within which a reading that begins again jumps from one end of its range to the other."""
+_ROUND = 2e-3
+"""Share by which the length after which a reading begins again may be off a round one."""
 _BRIEF = 3
 """Pulses of one sample for each of two from which a command does not make them itself: its own have any length."""
 
@@ -122,15 +126,20 @@ def without_jumps(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return (back, at) if alone else none
 
 
-def replace_wrong_readings(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
-    """Replace single wrong readings of motion and control input in the columns of a run; notes on them."""
+def replace_wrong_readings(
+    label: str, run: dict[str, np.ndarray], units: Units, lengths: Sequence[float]
+) -> list[Repair]:
+    """Replace single wrong readings of motion and control input in the columns of a run; notes on them.
+
+    ``lengths`` are those after which readings of the angle may begin again.
+    """
     found = []
     for key in (key for key in ("q", "qd", "current") if key in run):
         before, commanded = run[key], key == "current" and is_command(run[key])
         if commanded:
             run[key], at = without_brief_pulses(before)
         else:
-            run[key], at = without_wrong_readings(before, units.periods() if key == "q" else ())
+            run[key], at = without_wrong_readings(before, lengths if key == "q" else ())
         if len(at):
             far, where = float(np.abs(before - run[key]).max()), tuple(float(t) for t in run["t"][at[:10]])
             places = ", ".join(f"{t:.4g}" for t in where[:3]) + (", ..." if len(at) > 3 else "")
@@ -149,7 +158,8 @@ def undo_jumps(label: str, run: dict[str, np.ndarray], units: Units) -> tuple[li
 
     Where an encoder slips or is set to zero, speed, torque and control input go on as they were. Where they change by
     more than anywhere else in the run, another run begins. Where the reading stood still before, it was stuck. A jump
-    that is longer than the run's motion stays as it is: a joint that rests but for one quick move does not jump.
+    that is longer than the run's motion stays as it is: a joint that rests but for one quick move does not jump. Where
+    the velocity was logged and does not move, it does.
 
     Returns:
         The samples of each run that is in it, and a note.
@@ -180,7 +190,7 @@ def undo_jumps(label: str, run: dict[str, np.ndarray], units: Units) -> tuple[li
             "it, as where two runs stand in one file: they are separated; give each its own 'trajectory' id"
         )
         return pieces, [Repair(trajectory=label, kind="split", count=len(at), at=where, text=text)]
-    if size >= np.ptp(back):
+    if size >= np.ptp(back) and not _stays(run, at):
         return whole, []
     moved = float(np.abs(np.diff(run["q"] - back)).max())
     run["q"] = back
@@ -197,6 +207,14 @@ def _stood(q: np.ndarray, k: int) -> int:
     long = int(np.argmax(np.append(q[k::-1] != q[k], True))) - 1
     moves = np.abs(q[k + 1 + _AROUND :][:1] - q[k + 1]) if k + 2 < len(q) else np.zeros(1)
     return long if long >= _STUCK and moves.sum() > _AROUND * _CREEPS * np.abs(np.diff(q[: k + 1])).max() else 0
+
+
+def _stays(run: dict[str, np.ndarray], at: np.ndarray) -> bool:
+    """Whether the velocity that was logged moves by next to nothing where the angle jumps after some samples."""
+    if "qd" not in run:
+        return False
+    moved = np.maximum(np.abs(run["qd"][at]), np.abs(run["qd"][at + 1])) * np.diff(run["t"])[at]
+    return bool((moved < _CREEPS * np.abs(np.diff(run["q"]))[at]).all())
 
 
 def _stands_out(size: np.ndarray, at: np.ndarray) -> bool:
@@ -235,15 +253,67 @@ def unwrapped(t: np.ndarray, q: np.ndarray, periods: Sequence[float]) -> tuple[n
     return q, 0, 0.0
 
 
-def unwrap(label: str, run: dict[str, np.ndarray], units: Units) -> list[Repair]:
-    """Let the angle of a run go on where its reading begins again; a note on it."""
-    run["q"], wraps, period = unwrapped(run["t"], run["q"], units.periods())
+def wrap_length(t: np.ndarray, q: np.ndarray, unit: float = 1.0) -> float:
+    """Length after which a reading begins again, by its jumps alone; 0 where it does not.
+
+    Each such jump is nearly as long as all readings cover, leads from one of their ends to the other, and goes against
+    the motion before and after it.
+
+    Args:
+        t: Time [s], shape (N,); a jump over a gap is none.
+        q: Angle or displacement, shape (N,).
+        unit: One of what was logged, in the unit of ``q``: such a length is a round number of these.
+    """
+    reach = float(np.ptp(q))
+    if len(q) < 4 * _AROUND or reach == 0.0:
+        return 0.0
+    step, long = np.diff(q), np.diff(t) / max(float(np.median(np.diff(t))), 1e-300)
+    jumps = (np.abs(step) > 0.5 * reach) & (long < _GAP)
+    at = np.flatnonzero(jumps)
+    at = at[(at >= _AROUND) & (at + _AROUND + 1 < len(q))]
+    others = np.abs(step[~jumps])
+    usual = float(others.max(initial=0.0))
+    if not len(at) or len(at) > _SLOW * len(q) or not 0.0 < usual < _SLOW * reach:
+        return 0.0
+    near = [np.concatenate([step[k - _AROUND : k], step[k + 1 : k + 1 + _AROUND]]) for k in at]
+    motion = np.array([x[np.abs(x) < 0.5 * reach].mean() if (np.abs(x) < 0.5 * reach).any() else 0.0 for x in near])
+    length = np.abs(step[at] - motion * long[at])
+    period = float(np.median(length))
+    inside = [q[k] > q.max() - _EDGE * usual or q[k] < q.min() + _EDGE * usual for k in at]
+    inside = np.array(inside) & (np.abs(np.abs(q[at + 1] - q[at]) - reach) < 2.0 * _EDGE * usual)
+    against = motion * step[at] < 0.0
+    similar = np.abs(length - period) < _EDGE * usual
+    if not (similar.all() and inside.all() and against.mean() > 0.5):
+        return 0.0
+    error = float(np.abs(length - period).mean()) / np.sqrt(len(at)) + 1e-5 * period
+    return unit * _round_length(period / unit, error / unit)
+
+
+def _round_length(length: float, error: float) -> float:
+    """The likeliest length near one that was read off with an error: turns, a power of two, else one of few digits."""
+    for near in (*(np.pi * turns for turns in (1, 2, 4, 8)), 2.0 ** np.rint(np.log2(length))):
+        if abs(length - near) <= max(error, _ROUND * length):
+            return float(near)
+    near = float(f"{length:.3g}")
+    return near if abs(length - near) <= max(_EDGE * error, _ROUND * length) else length
+
+
+def unwrap(
+    label: str, run: dict[str, np.ndarray], units: Units, lengths: Sequence[float]
+) -> tuple[float, list[Repair]]:
+    """Let the angle of a run go on where its reading begins again, after one of some lengths.
+
+    Returns:
+        The length, 0 where it never does, and a note.
+    """
+    run["q"], wraps, period = unwrapped(run["t"], run["q"], lengths)
     if not wraps:
-        return []
+        return 0.0, []
     turn = np.isclose(period, 2.0 * np.pi)
-    after = "a turn" if turn else f"{period / units.convert('q', np.ones(1))[0]:g} counts"
-    text = f"the {'angle' if turn else 'encoder'} begins again after {after} ({wraps} times): it goes on from its start"
-    return [Repair(trajectory=label, kind="unwrapped", count=wraps, text=text)]
+    counted = f"{period / units.convert('q', np.ones(1))[0]:g} {units.declared['q']}"
+    text = f"the {'angle' if turn else 'reading of q'} begins again after {'a turn' if turn else counted} "
+    text += f"({wraps} times): it goes on from its start"
+    return period, [Repair(trajectory=label, kind="unwrapped", count=wraps, text=text)]
 
 
 def in_one_turn(angles: Sequence[np.ndarray], period: float) -> list[np.ndarray]:

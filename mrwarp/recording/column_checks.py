@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.data import DEGREES, Recording, Repair, Trajectory, quantity
-from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.agreement import OTHER, Agreement, agreement, exchanged, proposals, tried
+from mrwarp.recording.data import UNITS, Recording, Repair, Trajectory, is_command, quantity
 from mrwarp.recording.tables import Table
-from mrwarp.recording.units import PER, Units
+from mrwarp.recording.units import CONVERSIONS, PER, Units
 
 TURNS = 4.0
 """Turns in one direction from which an angle is that of a motor or shaft that goes round."""
@@ -25,40 +26,76 @@ FOLLOWS = 0.1
 """Share of the variance of the torque against the motion that the size of a signed current explains at least."""
 
 _PLAUSIBLE = {
-    # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
-    "rad": (2.0 * np.pi, "deg"),  # a joint does not leave its middle by more than a turn
-    "m": (10.0, "mm"),
-    "A": (50.0, "mA"),  # MR coils take a few ampere
-    "V": (500.0, "mV"),
-    "N·m": (300.0, "mN·m"),  # ten times the paper's 26 N·m joint
-    "N": (1.0e6, "mN"),
+    # base unit: largest plausible value, units that larger values are likely in, where the limit comes from
+    "rad": (2.0 * np.pi, ("deg", "mrad")),  # a joint does not leave its middle by more than a turn
+    "m": (10.0, ("mm",)),
+    "A": (50.0, ("mA", "uA")),  # MR coils take a few ampere
+    "V": (500.0, ("mV",)),
+    "N·m": (300.0, ("mN·m",)),  # ten times the paper's 26 N·m joint
+    "N": (1.0e6, ("mN",)),
 }
 _OR = {"mN·m": (3e4, "N·cm"), "mA": (100.0, "%")}
 """Of these units another one that values up to a limit may be in."""
-
-_MIXED = (
-    (DEGREES, 1.6, "deg", "q"),
-    (1.0 / DEGREES, 1.6, "deg/s", "qd"),
-    (2.0 * np.pi / 60.0, 1.23, "rpm", "qd"),
-    (1.0 / (2.0 * np.pi), 1.23, "rev", "q"),
-)
-"""Ratio of dq/dt to qd where one of them is in another unit and the other in radians, the largest factor from it (of
-the last two half-way between them, in logarithms), that unit and its column."""
 
 _MARKS = (999.0, 9999.0, 99999.0)
 """Marks that programs write, with either sign, where nothing was read."""
 _BEYOND = 3.0
 """Least size of such a mark over all else in its column: nothing is near it."""
-_SIMILAR = 0.5
-"""Least correlation of dq/dt with qd that are one quantity in two units."""
+_OTHER_PERIODS, _ON_PERIOD, _COUNTS = (180.0, 360.0, 720.0, *(2.0**bits for bits in range(8, 33))), 0.01, 256
+"""Lengths after which readings begin again that are in degrees, or counts of an encoder; how near one is to
+them; fewest counts."""
 _WORDS = (16, 32)
 """Bits of the signed numbers that programs read as unsigned ones."""
 _HELD, _ALWAYS = 50, 0.9
 """Fewest changes of a channel, and share of them that come after equal times, where it is held in between."""
+_NEAR, _LONGEST = 0.3, 5.0
+"""Share by which the rows of a slower channel may be more or less far spaced; longest of these, in usual ones."""
 _COLD, _HOT = -100.0, 300.0
 """Temperatures [degC] that no bench has: -127 of a sensor that does not answer, 850 of an open wire, any mark."""
 _POWER_UP = 85.0
 """Value that a common digital thermometer (DS18B20) gives before its first reading [degC]."""
+
+
+def without_blanks(table: Table, runs: Sequence[np.ndarray]) -> Table:
+    """A table whose slower channels go on between their values, with notes on them.
+
+    Such a channel has a value in every second row, or third, ..., and blank cells or NaN in between. A command is held
+    until its next value, all else goes straight to it. Single blank cells are no slower channel, and stay.
+
+    Args:
+        table: The file.
+        runs: Its rows, run by run.
+    """
+    columns, notes = dict(table.columns), list(table.notes)
+    for name, values in table.columns.items():
+        blank = np.isnan(values)
+        if name == "t" or not blank.any():
+            continue
+        if blank.all() and name in ("qd", "temperature"):
+            columns.pop(name)
+            notes.append(f"the column {name} is empty: it is left out")
+            continue
+        filled = values.copy()
+        for rows in runs:
+            at = np.flatnonzero(~blank[rows])
+            spaced = np.diff(at)
+            every = float(np.median(spaced)) if len(spaced) >= _HELD else 1.0
+            even = np.abs(spaced - every) <= max(1.0, _NEAR * every)
+            if every < 2.0 or even.mean() < _ALWAYS or spaced.max() > _LONGEST * every:
+                break
+            t, known = table.columns["t"][rows], values[rows][at]
+            if name == "current" and is_command(known):
+                before = np.maximum(np.searchsorted(at, np.arange(len(rows)), side="right") - 1, 0)
+                filled[rows], how = known[before], "held until the next one, as a command"
+            else:
+                filled[rows], how = np.interp(t, t[at], known), "joined by straight lines"
+        else:
+            columns[name] = filled
+            notes.append(
+                f"{name} has a value once in {every:.3g} rows, as a slower channel: its values are {how}; what is "
+                "quicker is not in it"
+            )
+    return replace(table, columns=columns, notes=tuple(notes))
 
 
 def check_finite(table: Table) -> None:
@@ -161,62 +198,177 @@ def without_marks(label: str, run: dict[str, np.ndarray]) -> list[Repair]:
     return [Repair(trajectory=label, kind="replaced", count=int(wrong.sum()), at=at, text=text)]
 
 
-def check_units(table: Table, parts: list[Trajectory], units: Units, turned: bool) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Misread:
+    """A column whose unit is not the declared one, or not the default one."""
+
+    column: str
+    problem: str
+    proposals: list[dict[str, Any]]
+    """Declarations that may put it right."""
+
+
+def misread(
+    parts: Sequence[Trajectory], units: Units, recorded: Collection[str], period: float = 0.0
+) -> Misread | None:
+    """The first thing that is wrong with the units of runs.
+
+    Args:
+        parts: The runs.
+        units: Their units.
+        recorded: Columns that the file has.
+        period: Length after which the angle's reading begins again, in the unit that is kept; 0 where it does not.
+    """
+    found = agreement(parts) if {"q", "qd"} <= set(recorded) else None
+    if {"q", "qd"} <= set(recorded) and (found is None or found.factor < 0.0) and exchanged(parts):
+        text = "qd is not the derivative of q, and q is that of qd: are two columns swapped"
+        names = {"q": units.names.get("qd", "qd"), "qd": units.names.get("q", "q")}
+        return Misread(column="qd", problem=text, proposals=[{"columns": {**units.names, **names}}])
+    if found is not None and not 1.0 / OTHER < found.factor < OTHER:
+        text = f"dq/dt is {found.factor:.3g} times qd" + ("" if found.constant else " in the middle")
+        more = {key: x[2][0] for key, x in _oversized(parts, units).items() if x[2]}
+        return Misread(column="qd", problem=text, proposals=[{**x, **more} for x in proposals(parts, units, found)])
+    other = _other_period(period)
+    if other and "q" not in units.given and units.base("q") == "rad":
+        follows = {"qd": units.declared["qd"]} if "qd" in recorded else {}
+        degrees = [{"q": "deg", "qd": "deg/s"}, {"q": "deg", **follows}]
+        counted = {"q": "counts", next(iter(PER)): round(other)}
+        whole = other >= _COUNTS and other == 2.0 ** round(np.log2(other))
+        text = f"values that begin again after {period:.5g}"
+        proposed = [{**counted, "qd": "counts/s"}, {**counted, **follows}] if whole else degrees
+        return Misread(column="q", problem=text, proposals=proposed)
+    large = _oversized(parts, units, angle="q" in recorded and not _rotates(parts, found, period))
+    if not large:
+        return None
+    (key, (size, what, likely)), *others = large.items()
+    text = f"values up to {size:.4g} {units.base(key)} {what}"
+    text += "".join(f" (and those of {name} up to {x[0]:.4g} {units.base(name)})" for name, x in others)
+    known = {"qd": units.declared["qd"]} if key == "q" and "qd" in recorded else {}
+    known |= {name: x[2][0] for name, x in others if x[2]}
+    return Misread(column=key, problem=text, proposals=[{key: unit, **known} for unit in likely])
+
+
+def _oversized(
+    parts: Sequence[Trajectory], units: Units, *, angle: bool = False
+) -> dict[str, tuple[float, str, list[str]]]:
+    """Columns of no declared unit that no device of this kind reaches: their size, what it is of, and likely units."""
+    found = {}
+    for key in ("torque", *(("q",) if angle else ()), "current"):
+        if key in units.given:
+            continue
+        columns = [getattr(part, key) for part in parts]
+        size = max(float(np.abs(x - (np.median(x) if key == "q" else 0.0)).max()) for x in columns)
+        limit, likely = _PLAUSIBLE.get(units.base(key), (np.inf, ()))
+        if size > limit:
+            smaller = [unit for unit in likely if size * CONVERSIONS[key][unit][0] <= limit][:1]
+            smaller += [other for unit, (most, other) in _OR.items() if unit in smaller and size <= most]
+            found[key] = size, "away from their median" if key == "q" else "in size", smaller
+    return found
+
+
+def _rotates(parts: Sequence[Trajectory], found: Agreement | None, period: float) -> bool:
+    """Whether an angle of many turns is one: its velocity says so, it begins again, or goes on and on."""
+    return bool(period) or (found is not None and found.same) or max(map(turns, parts)) > TURNS
+
+
+def _other_period(period: float) -> float:
+    """The length in degrees or counts of an encoder that a reading begins again after; 0 where it is none of these.
+
+    No angle in degrees, and no count, begins again after 25 of them.
+    """
+    return next((x for x in _OTHER_PERIODS if period and abs(period / x - 1.0) < _ON_PERIOD), 0.0)
+
+
+def check_units(
+    table: Table, parts: list[Trajectory], units: Units, period: float, others: Sequence[Trajectory] = ()
+) -> None:
     """Refuse values that are clearly in another unit, where none was declared, and columns in two units.
 
-    ``turned`` says whether the angle was unwrapped.
+    Each remedy that is named has been tried: with it these checks pass.
+
+    Args:
+        table: The file.
+        parts: Its runs.
+        units: Units of the recording.
+        period: As in :func:`misread`.
+        others: Runs of other files that are right as they are.
 
     Raises:
         RecordingError: with the column, the likely unit, and how to declare it.
     """
-    largest = {
-        "q": max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts),
-        "current": max(float(np.abs(part.current).max()) for part in parts),
-        "torque": max(float(np.abs(part.torque).max()) for part in parts),
-    }
-    if turned or "q" not in table.columns or max(map(turns, parts)) > TURNS:
-        largest.pop("q")  # a rotation: no joint is driven that far, in degrees either, without a turn back
-    _refuse_several(table, largest, units)
-    for key in largest.keys() - units.given:
-        likely, more = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1], ""
-        if key == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all():
-            more = f', or, if these are encoder counts, {{"q": "counts", "{next(iter(PER))}": ...}}'
-        below, other = _OR.get(likely, (0.0, ""))
-        more += f" (or {other})" if largest[key] <= below else ""
-        remedy = f'convert them, or declare the unit in units.json next to the file: {{"{key}": "{likely}"}}{more}'
-        check_plausible(table, key, largest[key], units.base(key), remedy)
-    if units.base("q") != "rad":
+    recorded = table.columns.keys()
+    wrong = misread(parts, units, recorded, period)
+    if wrong is None:
         return
-    for part in parts:
-        ratio = derivative_ratio(part)
-        unit, key = next((x[2:] for x in _MIXED if 1.0 / x[1] < ratio / x[0] < x[1]), ("", ""))
-        if part.qd_derived or not key or _agreement(part) < _SIMILAR:  # columns of another kind are no other unit
-            continue
-        other, declared = ("qd" if key == "q" else "q"), {"q": "rad", "qd": "rad/s", key: unit}
+
+    def still(runs: Sequence[Trajectory], declared: Units) -> object:
+        one = declared.convert("q", np.ones(1))[0] / units.convert("q", np.ones(1))[0]
+        return misread(runs, declared, recorded, abs(period * one))
+
+    passed = tried(wrong.proposals, parts, units, still)
+    if not passed:
+        said = "no unit that is known makes them plausible; convert them, and try again"
+        if wrong.column == "qd":
+            said = "no unit and no factor makes them one; leave the column qd out, then it is derived, and try again"
+        raise table.refuse(f"{wrong.problem}; {said}", column=wrong.column)
+    key, looks = _looks(units, passed[0])
+    where = "in units.json next to the file"
+    if others and tried([passed[0]], others, units, still) != [passed[0]]:
+        where = "in a units.json next to this file in a folder of its own (the other files are right as they are)"
+    remedy = f"{json.dumps(passed[0], ensure_ascii=False)}"
+    if wrong.column != "qd":
+        whole = wrong.column == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all()
+        counts = f', or, if these are encoder counts, {{"q": "counts", "{next(iter(PER))}": ...}}' if whole else ""
+        more = "".join(f" (or {x[key]})" for x in passed[1:] if x[key] != passed[0][key])
+        really = json.dumps(units.content({wrong.column: units.declared[wrong.column]}), ensure_ascii=False)
         raise table.refuse(
-            f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
-            f"radians; convert it, or declare it in units.json next to the file: {json.dumps(declared)}",
+            f"{wrong.problem} look like {passed[0][key]}; convert them, or declare the unit {where}: {remedy}{counts}"
+            f"{more} (if they really are {units.base(key)}: {really})",
             column=key,
         )
+    more = "".join(f", or {json.dumps(x, ensure_ascii=False)}" for x in passed[1:2])
+    if "columns" in passed[0] and passed[0]["columns"] != units.names:
+        text = f"as it seems; exchange their names, or declare it {where}: {remedy}"
+    elif looks:
+        text = f"so {looks}; convert it, or declare it {where}: {remedy}"
+    else:
+        text = f"and no two units explain it: is there a gear between them? Declare {where}: {remedy} if the angle is "
+        text += f"the joint's{more}{' if the velocity is' if more else ''}, or leave the column qd out"
+    raise table.refuse(f"{wrong.problem}, {text}", column=key)
 
 
-def _refuse_several(table: Table, largest: Mapping[str, float], units: Units) -> None:
-    """Refuse columns that look like other units all at once, so that one declaration mends them.
-
-    Raises:
-        RecordingError: with each column, its likely unit, and one units.json for all.
-    """
-    wrong = {}
-    for key in (key for key in largest if key not in units.given):
-        limit, likely = _PLAUSIBLE.get(units.base(key), (np.inf, ""))
-        if largest[key] > limit:
-            wrong[key] = likely
-    if len(wrong) > 1:
-        each = ", ".join(f"{key} up to {largest[key]:.4g} {units.base(key)} like {wrong[key]}" for key in wrong)
-        raise table.refuse(
-            f"values look like other units: {each}; convert them, or declare all in units.json next to the file: "
-            f'{json.dumps(wrong, ensure_ascii=False)} (if they really are in these units: {{"trust_units": true}})'
+def _looks(units: Units, content: Mapping[str, Any]) -> tuple[str, str]:
+    """First column that a declaration changes, and what its columns look like; empty for a factor alone."""
+    changed = [
+        key
+        for key in ("q", "qd", "t", "current", "torque")
+        if content.get(key, units.declared[key]) != units.declared[key]
+    ]
+    looks = " and ".join(f"{key} looks like {content[key]}" for key in changed)
+    other = next((key for key in ("q", "qd") if key not in changed), "")
+    if looks and other and changed[0] in ("q", "qd"):
+        looks += (
+            f" where {other} is in {'radians' if units.base('q') == 'rad' else 'metres'}"
+            if (units.declared[other] == UNITS[other])
+            else f" where {other} is in {units.declared[other]}"
         )
+    return (changed[0] if changed else "qd"), looks
+
+
+def turns_note(label: str, parts: Sequence[Trajectory], units: Units) -> list[Repair]:
+    """A note on an angle of many turns whose unit no file names, where the velocity agrees with it."""
+    if "q" in units.given or units.base("q") != "rad" or units.trusted:
+        return []
+    reach = max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts)
+    found = agreement(parts)
+    if reach <= _PLAUSIBLE["rad"][0] or found is None or not found.same or max(map(turns, parts)) > TURNS:
+        return []
+    degrees = json.dumps(units.content({"q": "deg", "qd": "deg/s"}), ensure_ascii=False)
+    text = (
+        f"q goes {reach / (2.0 * np.pi):.3g} turns to either side, and dq/dt agrees with qd: taken as rad and rad/s, "
+        f"as of a motor in front of a gear; if both are in degrees, declare {degrees} in units.json"
+    )
+    return [Repair(trajectory=label, kind="turns", count=len(parts), text=text)]
 
 
 def check_plausible(table: Table, key: str, largest: float, unit: str, remedy: str) -> None:
@@ -225,11 +377,10 @@ def check_plausible(table: Table, key: str, largest: float, unit: str, remedy: s
     Raises:
         RecordingError: with the column and the remedy.
     """
-    limit, likely = _PLAUSIBLE.get(unit, (np.inf, ""))  # what else a control input may be in has no limit
+    limit, likely = _PLAUSIBLE.get(unit, (np.inf, ("",)))  # what else a control input may be in has no limit
     if largest > limit:
-        what = "away from their median" if key == "q" else "in size"
         raise table.refuse(
-            f"values up to {largest:.4g} {unit} {what} look like {likely}; {remedy} (if they really are {unit}: "
+            f"values up to {largest:.4g} {unit} in size look like {likely[0]}; {remedy} (if they really are {unit}: "
             '{"trust_units": true})',
             column=key,
         )
@@ -239,19 +390,6 @@ def turns(part: Trajectory) -> float:
     """How often a trajectory goes round without turning back; 0 where it does turn back."""
     path, way = float(np.abs(np.diff(part.q)).sum()), abs(float(part.q[-1] - part.q[0]))
     return way / (2.0 * np.pi) if way > 0.9 * path else 0.0
-
-
-def _agreement(part: Trajectory) -> float:
-    """Correlation of dq/dt with the trajectory's qd."""
-    derived = differentiate(part.q, part.dt)
-    return float(derived @ part.qd / max(np.linalg.norm(derived) * np.linalg.norm(part.qd), 1e-300))
-
-
-def derivative_ratio(part: Trajectory) -> float:
-    """RMS of dq/dt over RMS of the trajectory's qd; 1 where either rests."""
-    derived = differentiate(part.q, part.dt)
-    own, other = float(np.sqrt(np.mean(part.qd**2))), float(np.sqrt(np.mean(derived**2)))
-    return other / own if own > 1e-9 and other > 1e-9 else 1.0
 
 
 def sized_currents(recording: Recording) -> Recording:

@@ -31,6 +31,9 @@ DEGREES = 180.0 / np.pi
 NO_INPUT = "none"
 """Unit of the control input of a device that has none: its column may be left out and then counts as 0."""
 
+_LEVELS, _OFTEN = 12, 0.02
+"""Most values of a quantity of few levels, and the least share of samples that has the second of them."""
+
 _NAMES = {
     "q": {"rad": "angle", "m": "displacement"},
     "current": {
@@ -59,6 +62,21 @@ def is_command(current: np.ndarray) -> bool:
     return bool(2 * np.count_nonzero(np.diff(current)) < len(current))
 
 
+def goes_one_way(qd: np.ndarray) -> bool:
+    """Whether the other way is less than a hundredth of what a velocity, shape (N,), goes."""
+    ways = qd.clip(0.0).sum(), -qd.clip(max=0.0).sum()
+    return bool(min(ways) < 0.01 * sum(ways))
+
+
+def few_levels(x: np.ndarray) -> bool:
+    """Whether all samples are at two or a few more values, as of a command.
+
+    A sensor at the end of its range has other readings in between.
+    """
+    counts = np.sort(np.unique(x, return_counts=True)[1])[::-1]
+    return 1 < len(counts) <= _LEVELS and bool(counts[1] > _OFTEN * len(x))
+
+
 def true_names(text: str, units: Mapping[str, str]) -> str:
     """A text that calls the control input "current" as it is called for a device in ``units``, such as pressure."""
     return re.sub(r"\bcurrent(s?)\b", lambda found: quantity("current", units) + found[1], text)
@@ -80,8 +98,8 @@ class Repair:
     trajectory: str
     """Trajectory, or file, that it happened to."""
     kind: str
-    """``resampled``, ``unwrapped``, ``replaced``, ``integrated``, ``shifted``, ``split``, ``left_out``, ``saturated``,
-    ``sized``, or ``held``, which is said only."""
+    """``resampled``, ``thinned``, ``unwrapped``, ``replaced``, ``filled``, ``integrated``, ``shifted``, ``split``,
+    ``cut``, ``left_out``, ``saturated``, ``sized``; or ``held``, ``factor`` and ``turns``, which are said only."""
     count: int
     """Intervals, gaps or samples that are concerned."""
     at: tuple[float, ...] = ()
@@ -129,6 +147,11 @@ class Trajectory:
         """Sampling interval [s]."""
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
+    @property
+    def one_way(self) -> bool:
+        """Whether it goes one way only: then dry friction and a zero of the torque are one number."""
+        return goes_one_way(self.qd)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
@@ -170,8 +193,7 @@ class Recording:
     @property
     def one_way(self) -> bool:
         """Whether no trajectory goes the other way than the others: less than a hundredth of what it goes."""
-        ways = np.array([[run.qd.clip(0.0).sum(), -run.qd.clip(max=0.0).sum()] for run in self.trajectories])
-        return bool(ways.sum(axis=0).min() < 0.01 * ways.sum())
+        return goes_one_way(np.concatenate([run.qd for run in self.trajectories]))
 
     @property
     def current_range(self) -> tuple[float, float]:

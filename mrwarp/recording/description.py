@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from mrwarp.recording.angle import without_wrong_readings
-from mrwarp.recording.column_checks import TURNS, derivative_ratio, turns
-from mrwarp.recording.data import NO_INPUT, Trajectory, quantity, with_unit
+from mrwarp.recording.column_checks import TURNS, turns
+from mrwarp.recording.data import NO_INPUT, Trajectory, few_levels, quantity, with_unit
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
 from mrwarp.recording.load import Recording
 from mrwarp.sysid.settings import Spikes
@@ -85,18 +85,17 @@ def notes(recording: Recording) -> list[str]:
     if recording.units["q"] == "rad" and (round_ := max(map(turns, runs))) > TURNS:
         undeclared = "" if "q" in recording.declared else "; declare the unit of q if it is not rad"
         found.append(f"up to {round_:.0f} turns in one direction: taken as a shaft that goes round{undeclared}")
-    odd = [run.id for run in runs if not run.qd_derived and not 0.7 < derivative_ratio(run) < 1.4]
-    if odd:
-        found.append(
-            f"qd is not the derivative of q in {len(odd)} trajectories, e.g. {odd[0]!r}; if qd is not to be trusted, "
-            "leave its column out and it is derived from q"
-        )
     spikes = [len(without_wrong_readings(run.torque, most=Spikes.most)[1]) for run in runs]
     if any(spikes):
         torque, worst = quantity("torque", recording.units), runs[int(np.argmax(spikes))].id
         found.append(
             f"{sum(spikes)} single readings of the {torque} go far off and come back at once, most of them in "
             f"{worst!r}: diagnose leaves such spikes out, fit weighs them down with --robust"
+        )
+    if all(few_levels(run.torque) for run in runs):
+        found.append(
+            f"the {quantity('torque', recording.units)} has few levels, as a command has, and no sensor: where it was "
+            "commanded and not measured, what a drive does to it is not in these data"
         )
     name = quantity("current", recording.units)
     if recording.units["current"] == NO_INPUT:

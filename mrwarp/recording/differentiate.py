@@ -21,6 +21,9 @@ _NOISE_ONLY = 1.1
 ORDER = 3
 """Order of the local polynomial: the derivative of a cubic is exact."""
 
+_LONG = 500
+"""Samples of a window from which sums over it are taken by Fourier's way."""
+
 MIN_HALF_SAMPLES = 2
 """Fewest samples on each side: below, four coefficients leave no noise to average."""
 
@@ -41,7 +44,7 @@ def differentiate(x: np.ndarray, dt: float, half: int | None = None) -> np.ndarr
     """
     moved = x - x[0]  # a large offset would eat digits of the slope
     half = half_samples(len(x), dt) if half is None else half
-    return _filtered(moved, local_cubics(half)[1]) / dt
+    return _filtered(moved, half, slopes=True) / dt
 
 
 def quiet_half(x: np.ndarray, dt: float) -> int:
@@ -57,7 +60,7 @@ def quiet_half(x: np.ndarray, dt: float) -> int:
     noise = max(_noise(x, half), step)
     while half < WIDEST * first and 4 * half + 1 <= len(x) // 4:
         slopes = differentiate(x, dt, half)
-        weights = local_cubics(half)[1][half] / dt
+        weights = middle_weights(half, slopes=True) / dt
         if noise * np.sqrt(weights @ weights) < _QUIET * np.sqrt(np.mean(slopes**2)):
             break
         if _noise(x, 2 * half) > _NOISE_ONLY * noise:
@@ -68,29 +71,45 @@ def quiet_half(x: np.ndarray, dt: float) -> int:
 
 def _noise(x: np.ndarray, half: int) -> float:
     """Standard deviation of the white noise of which a window would leave as much as it leaves of a signal."""
-    values = local_cubics(half)[0]
-    rest = x - _filtered(x - x[0], values) - x[0]
-    centre = float(values[half, half])
+    rest = x - _filtered(x - x[0], half, slopes=False) - x[0]
+    centre = float(middle_weights(half, slopes=False)[half])
     return float(np.sqrt(np.mean(rest**2) / max(1.0 - centre, 1e-6)))
 
 
 @lru_cache(maxsize=32)
-def local_cubics(half: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of a window's samples in its cubic's value and slope per sample at each place of it, (place, sample).
+def local_cubics(half: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of a window: powers of its places and those of their slopes, (place, 4), and the fit of its cubic, (4, sample).
 
-    Those of :mod:`scipy.signal`, which takes half of the time of `mrwarp check` to load.
+    The cubic's value at each place is ``powers @ fit @ samples``. Those of :mod:`scipy.signal`, which takes half of the
+    time of `mrwarp check` to load; and no matrix of places by samples, which for a window of 20,000 is 3 GB.
     """
     powers = np.vander(np.arange(-half, half + 1) / half, ORDER + 1, increasing=True)
-    fit = np.linalg.pinv(powers)
-    slopes = powers[:, :-1] * np.arange(1, ORDER + 1) / half
-    return powers @ fit, slopes @ fit[1:]
+    slopes = np.zeros_like(powers)
+    slopes[:, 1:] = powers[:, :-1] * np.arange(1, ORDER + 1) / half
+    return powers, slopes, np.linalg.pinv(powers)
 
 
-def _filtered(x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def middle_weights(half: int, *, slopes: bool) -> np.ndarray:
+    """Weights of a window's samples in its cubic's value, or slope per sample, in the middle; shape (2*half + 1,)."""
+    powers, rates, fit = local_cubics(half)
+    return (rates if slopes else powers)[half] @ fit
+
+
+def _filtered(x: np.ndarray, half: int, *, slopes: bool) -> np.ndarray:
     """Signal (N,) by the weights of a window's middle; what lies before the first one and after the last by theirs."""
-    size, half = len(weights), len(weights) // 2
-    inner = np.convolve(x, weights[half, ::-1], mode="valid")
-    return np.concatenate([weights[:half] @ x[:size], inner, weights[half + 1 :] @ x[-size:]])
+    powers, rates, fit = local_cubics(half)
+    at, size = rates if slopes else powers, 2 * half + 1
+    inner = _convolved(x, middle_weights(half, slopes=slopes)[::-1])
+    return np.concatenate([at[:half] @ (fit @ x[:size]), inner, at[half + 1 :] @ (fit @ x[-size:])])
+
+
+def _convolved(x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """``np.convolve(x, weights, "valid")``; of a long window by Fourier's way."""
+    if len(weights) < _LONG:
+        return np.convolve(x, weights, mode="valid")
+    from scipy.signal import oaconvolve  # long windows are rare
+
+    return oaconvolve(x, weights, mode="valid")
 
 
 def half_samples(count: int, dt: float) -> int:
@@ -101,7 +120,7 @@ def half_samples(count: int, dt: float) -> int:
 def frequency_response(f: np.ndarray, dt: float, half: int | None = None) -> np.ndarray:
     """Gain of :func:`differentiate` over that of the ideal derivative at the frequencies ``f`` [Hz]; real: no phase."""
     m = half_samples(2**31, dt) if half is None else half
-    slope, k = local_cubics(m)[1][m], np.arange(-m, m + 1)
+    slope, k = middle_weights(m, slopes=True), np.arange(-m, m + 1)
     # the weights are odd in k, so only the sine part is left; sum(k*slope) = 1 is its limit at 0 Hz
     cycles = 2.0 * np.asarray(f, dtype=np.float64)[:, None] * dt * k
     return (np.sinc(cycles) * k * slope).sum(1)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.angle import in_one_turn, integrated, replace_wrong_readings, undo_jumps, unwrap
+from mrwarp.recording.agreement import agreement, factor_note
+from mrwarp.recording.angle import in_one_turn, integrated, replace_wrong_readings, undo_jumps, unwrap, wrap_length
 from mrwarp.recording.column_checks import (
     check_finite,
     check_marks,
     check_plausible,
     check_units,
     held_channels,
+    misread,
     sized_currents,
+    turns_note,
+    without_blanks,
     without_marks,
 )
 from mrwarp.recording.data import (
@@ -34,9 +39,9 @@ from mrwarp.recording.data import (
     Trajectory,
 )
 from mrwarp.recording.differentiate import differentiate, quiet_half
-from mrwarp.recording.resample import UnevenError, even_pieces
+from mrwarp.recording.resample import UnevenError, even_pieces, thinned
 from mrwarp.recording.saturation import mark_saturated
-from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
+from mrwarp.recording.tables import CONTAINERS, MAX_BYTES, SUFFIXES, TEXTS, Table, holds_table, read_table, suffix_of
 from mrwarp.recording.units import Units, read_units
 from mrwarp.recording.write import save_holding, save_recording
 
@@ -66,12 +71,21 @@ A brake sticks about as it slides: 1 to 1.5 for MR fluids; the paper's device ha
 EPOCH = 1e8
 """Time [s] from which stamps count from 1970, not from the start of a recording: three years."""
 
+MAX_RATE = 2e7
+"""Fastest sampling [Hz] that is a bench's; a unit of time that gives a faster one is not offered."""
+
+SLOW = 5.0
+"""Sampling rate [Hz] below which a note asks for the unit of the stamps."""
+
+_USUAL_RATES = (20.0, 2e4)
+"""Sampling rates [Hz] of benches, which decide where two units of time would do."""
+
 _STAMPS = (("ms", 1e3, "milliseconds"), ("us", 1e6, "microseconds"), ("ns", 1e9, "nanoseconds"))
 """Likely units of stamps with steps of more than 1 s: their number in a second, which is the longest interval."""
 
 
-def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
-    """Read and check a recording: one CSV or Parquet file, or a folder of them; at most :data:`MAX_BYTES`.
+def load_recording(path: str | Path, *, skip_bad: bool = False, declared: str | Path | None = None) -> Recording:
+    """Read and check a recording: one file of a known kind, or a folder of them; at most :data:`MAX_BYTES`.
 
     Time stamps are put on an even grid and long gaps split a trajectory; ``Recording.repairs`` says where.
 
@@ -84,29 +98,30 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
     Args:
         path: The file or folder.
         skip_bad: Leave files of a folder out, by name, that would be refused.
+        declared: JSON file that names units and columns, in place of the ``units.json`` next to the data.
 
     Raises:
         RecordingError: the recording is refused; the message names file, row and column, and the remedy.
     """
     path = Path(path)
     files = _files_of(path)
-    units = read_units(path if path.is_dir() else path.parent)
+    units = read_units(path if path.is_dir() else path.parent, Path(declared) if declared else None)
     required = [name for name in REQUIRED if name != "current" or units.base("current") != NO_INPUT]
     left = MAX_BYTES
     trajectories: list[Trajectory] = []
     repairs: list[Repair] = []
     refused: list[RecordingError] = []
-    origin = 0.0
+    origin, periods = 0.0, list[float]()
     for file in files:
         try:
-            table = read_table(file, required, left)
+            table = read_table(file, required, left, called=units.names, seconds=lambda t: units.convert("t", t))
             left -= table.size
             if not origin and (origin := _epoch(table, units)):
                 when = datetime.fromtimestamp(origin, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
                 text = f"t is the time since 1970: it counts from {when} here"
                 repairs.append(Repair(trajectory=path.name, kind="shifted", count=1, text=text))
             stem = file.name.removesuffix(suffix_of(file))
-            found, done = _checked_trajectories(table, units, stem, path.is_dir(), origin)
+            found = _checked(table, units, stem, path.is_dir(), origin, trajectories)
         except RecordingError as error:
             if len(files) == 1:
                 raise
@@ -116,16 +131,21 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
             text = f"left out, {str(error).removeprefix(str(file)).lstrip(',: ')}"
             repairs.append(Repair(trajectory=file.name, kind="left_out", count=1, text=text))
         else:
-            trajectories += found
-            repairs += done
+            trajectories += found.parts
+            repairs += found.repairs
+            periods.append(found.period)
     if not trajectories:
         raise RecordingError(f"{refused[0]}; --skip-bad leaves nothing: each of the {len(files)} files is refused")
     names = [trajectory.id for trajectory in trajectories]
     if len(set(names)) < len(names):
         double = next(name for name in names if names.count(name) > 1)
         raise RecordingError(f"{path}: two trajectories are called {double!r}; rename a file or a trajectory")
-    if units.base("q") == "rad" and any(repair.kind == "unwrapped" for repair in repairs):
-        trajectories = _in_one_turn(trajectories, repairs)
+    if not units.trusted:
+        label = path.name or str(path)
+        repairs += [*factor_note(label, trajectories, units), *turns_note(label, trajectories, units)]
+        repairs += _slow_note(label, trajectories, units)
+    if max(periods):
+        trajectories = _in_one_turn(trajectories, repairs, max(periods))
     recording = Recording(
         trajectories=tuple(trajectories),
         units={key: units.base(key) for key in ("q", "current", "torque")},
@@ -135,6 +155,16 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
         declared=units.given,
     )
     return mark_saturated(sized_currents(recording))
+
+
+def _slow_note(label: str, runs: Sequence[Trajectory], units: Units) -> list[Repair]:
+    """A note on samples so far from each other that their stamps may be in another unit, where no velocity says so."""
+    dt = float(np.median([run.dt for run in runs]))
+    if "t" in units.given or 1.0 / dt > SLOW or any(not run.qd_derived for run in runs):
+        return []
+    declared = json.dumps(units.content({"t": "ms"}), ensure_ascii=False)
+    text = f"{dt:.3g} s between samples is long for a joint: if t is in milliseconds, declare {declared} in units.json"
+    return [Repair(trajectory=label, kind="slow", count=len(runs), text=text)]
 
 
 def check_same_units(recording: Recording, fitted: Recording) -> None:
@@ -204,20 +234,23 @@ def _files_of(path: Path) -> list[Path]:
     """The recording's files, sorted by name."""
     files = [path]
     if path.is_dir():
-        files = sorted(
-            p for p in path.iterdir() if suffix_of(p) and p.name != HOLDING_FILE and not p.name.startswith(".")
-        )
+        known = [p for p in path.iterdir() if suffix_of(p) and p.name != HOLDING_FILE and not p.name.startswith(".")]
+        files = sorted(p for p in known if p.is_file() and (suffix_of(p) not in TEXTS or holds_table(p)))
         if not files:
             inside = sorted(p.name for p in path.iterdir() if p.is_dir() and any(suffix_of(f) for f in p.iterdir()))
             hint = f"; name one of its folders: {', '.join(inside)}" if inside else ""
-            raise RecordingError(f"{path}: no recording in this folder ({', '.join(SUFFIXES)} files){hint}")
+            raise RecordingError(
+                f"{path}: no recording in this folder ({', '.join((*SUFFIXES, *CONTAINERS))} files){hint}"
+            )
     for file in files:
         if not file.exists():
             raise RecordingError(f"{file}: there is no such file or folder; check the path")
         if not file.is_file():
             raise RecordingError(f"{file}: not a regular file; copy the data into a file first")
         if not suffix_of(file):
-            raise RecordingError(f"{file}: not a known kind of recording; use {', '.join(SUFFIXES)}")
+            raise RecordingError(
+                f"{file}: not a known kind of recording; use {', '.join((*SUFFIXES, *CONTAINERS, *TEXTS))}"
+            )
     return files
 
 
@@ -234,50 +267,126 @@ def _epoch(table: Table, units: Units) -> float:
     return first if EPOCH < first < 1e3 * EPOCH else 0.0
 
 
-def _checked_trajectories(
-    table: Table, units: Units, stem: str, in_folder: bool, origin: float
-) -> tuple[list[Trajectory], list[Repair]]:
-    """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder."""
+@dataclass(frozen=True, kw_only=True)
+class _Read:
+    """Content of one file."""
+
+    parts: list[Trajectory]
+    repairs: list[Repair]
+    period: float
+    """Longest length after which its angle begins again; 0 where it does not."""
+
+
+def _checked(
+    table: Table, units: Units, stem: str, in_folder: bool, origin: float, others: Sequence[Trajectory]
+) -> _Read:
+    """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder.
+
+    ``others`` are those of the files before it.
+    """
+    table = without_blanks(table, [rows for _, rows in _groups(table)])
     check_finite(table)
+    if not units.trusted:
+        _check_stamps(table, units, stem, in_folder)
+    found = _read(table, units, stem, in_folder, origin)
+    if not units.trusted:
+        check_units(table, found.parts, units, found.period, others)
+    return found
+
+
+def _read(table: Table, units: Units, stem: str, in_folder: bool, origin: float) -> _Read:
+    """The trajectories of one file, converted and put right."""
     columns = {name: units.convert(name, values) for name, values in table.columns.items()}
     columns["t"] = columns["t"] - origin if origin else columns["t"]
     if "current" not in columns:
         columns["current"] = np.zeros(len(columns["t"]))
     flags = {flag: bool(table.header.get(flag, False)) for flag in ("qd_derived", "q_integrated")}
-    parts, repairs = [], []
-    if table.cut:
-        repairs.append(Repair(trajectory=table.file.name, kind="left_out", count=1, text=table.cut))
+    parts, repairs, period = [], [], 0.0
+    repairs += [Repair(trajectory=table.file.name, kind="left_out", count=1, text=text) for text in table.notes]
     for name, rows in _groups(table):
         label = stem if name is None else f"{stem}/{name}" if in_folder else name
+        rows, done = thinned(label, columns, rows)
+        repairs += done
         run = {key: values[rows] for key, values in columns.items()}
-        repairs += [*replace_wrong_readings(label, run, units), *without_marks(label, run)]
+        lengths = units.periods()
+        if "q" in run and (found := wrap_length(run["t"], run["q"], float(units.convert("q", np.ones(1))[0]))):
+            lengths.append(found)
+        repairs += [*replace_wrong_readings(label, run, units, lengths), *without_marks(label, run)]
         if not units.trusted:
             check_marks(table, run, rows, units)
         repairs += held_channels(label, run)
         pieces = [slice(0, len(rows))]
         if "q" in run:
-            repairs += unwrap(label, run, units)
+            own, done = unwrap(label, run, units, lengths)
+            period = max(period, own)
+            repairs += done
             pieces, done = undo_jumps(label, run, units)
             repairs += done
-        found = []
         for own, part in _named(label, pieces):
-            even, done = _even_parts(
-                table, {key: x[part] for key, x in run.items()}, rows[part], name, own, "t" in units.given
-            )
-            found += even
+            even, done = _even_parts(table, {key: x[part] for key, x in run.items()}, rows[part], name, own)
             repairs += done
-        for own, part in found:
-            trajectory = _trajectory(own, part, table.header, flags)
-            parts.append(trajectory)
-            if "q" not in run:
-                text = (
-                    "there is no angle: q was integrated from qd and begins at 0, and an offset of qd would let it "
-                    "drift; what depends on the place (C, q_offset) is not to be trusted"
-                )
-                repairs.append(Repair(trajectory=own, kind="integrated", count=len(trajectory.t), text=text))
-    if not units.trusted:
-        check_units(table, parts, units, any(repair.kind == "unwrapped" for repair in repairs))
-    return parts, repairs
+            for each, part in even:
+                trajectory = _trajectory(each, part, table.header, flags)
+                parts.append(trajectory)
+                if "q" not in run:
+                    text = (
+                        "there is no angle: q was integrated from qd and begins at 0, and an offset of qd would let it "
+                        "drift; what depends on the place (C, q_offset) is not to be trusted"
+                    )
+                    repairs.append(Repair(trajectory=each, kind="integrated", count=len(trajectory.t), text=text))
+    return _Read(parts=parts, repairs=repairs, period=period)
+
+
+def _check_stamps(table: Table, units: Units, stem: str, in_folder: bool) -> None:
+    """Refuse stamps more than a second from each other, or that only count samples, with a declaration that was tried.
+
+    Raises:
+        RecordingError: naming the unit that they look like.
+    """
+    t = units.convert("t", table.columns["t"])
+    first = next(_groups(table))[1]
+    steps = np.diff(t[first])
+    dt = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    counts = dt == 1.0 and not (t % 1.0).any() and "t" not in units.given
+    if not (dt > 1.0 or counts):
+        return
+
+    def right(proposal: dict[str, Any]) -> bool:
+        try:
+            declared = units.declaring(proposal)
+            found = _read(table, declared, stem, in_folder, _epoch(table, declared))
+        except RecordingError:
+            return False
+        rate = float(np.median([1.0 / part.dt for part in found.parts]))
+        return rate < MAX_RATE and misread(found.parts, declared, table.columns.keys(), found.period) is None
+
+    passed = [(unit, size, name) for unit, size, name in _STAMPS if dt <= size and right({"t": unit})]
+    passed.sort(key=lambda entry: not _USUAL_RATES[0] <= entry[1] / dt <= _USUAL_RATES[1])  # else in their order
+    samples = " (numbers of samples by their rate)" if counts else ""
+    if not passed:
+        text = f"{dt:g} s between samples, and no unit of time makes them a log of a bench"
+        if counts and (step := _sample_step(table, units, stem, in_folder)) and right({"scale": {"t": step}}):
+            declared = json.dumps(units.content({"scale": {"t": step}}))
+            text = f"{dt:g} s between samples: these are numbers of samples; q and qd say that one takes {step:g} s: "
+            raise table.refuse(f"{text}declare {declared} in units.json, or divide{samples}", column="t")
+        raise table.refuse(f'{text}: write t in seconds{samples}, or declare {{"scale": {{"t": SECONDS}}}}', column="t")
+    (unit, per_second, name), *others = passed
+    declared = json.dumps(units.content({"t": unit}), ensure_ascii=False)
+    more = "".join(f"; {x[2]} where it was sampled at {x[1] / dt:.4g} Hz, not at {per_second / dt:.4g}" for x in others)
+    raise table.refuse(
+        f"{dt:g} s between samples: these look like {name}; divide by {per_second:.0f}{samples}, or declare "
+        f"the unit in units.json: {declared}{more}",
+        column="t",
+    )
+
+
+def _sample_step(table: Table, units: Units, stem: str, in_folder: bool) -> float:
+    """Time of a sample [s] by which dq/dt is ``qd`` where stamps only count samples; 0 where nothing shows it."""
+    try:
+        found = agreement(_read(table, units, stem, in_folder, 0.0).parts)
+    except RecordingError:
+        return 0.0
+    return float(f"{found.factor:.3g}") if found is not None and 0.0 < found.factor < 1.0 else 0.0
 
 
 def _named(label: str, pieces: list[slice]) -> list[tuple[str, slice]]:
@@ -308,13 +417,14 @@ def _trajectory(name: str, part: dict[str, np.ndarray], header: dict[str, Any], 
     )
 
 
-def _in_one_turn(runs: list[Trajectory], repairs: list[Repair]) -> list[Trajectory]:
-    """Runs of an angle that begins again after a turn, by whole turns to where the first is; adds a note."""
-    found = in_one_turn([run.q for run in runs], 2.0 * np.pi)
+def _in_one_turn(runs: list[Trajectory], repairs: list[Repair], period: float) -> list[Trajectory]:
+    """Runs of an angle that begins again after a period, by whole ones to where the first is; adds a note."""
+    found = in_one_turn([run.q for run in runs], period)
     moved = [run.id for run, q in zip(runs, found, strict=True) if q is not run.q]
     if not moved:
         return runs
-    text = f"moved by whole turns to where {runs[0].id} is: the reading begins again between them"
+    whole = "turns" if np.isclose(period, 2.0 * np.pi) else "lengths after which the reading begins again"
+    text = f"moved by whole {whole} to where {runs[0].id} is: the reading begins again between them"
     repairs += [Repair(trajectory=name, kind="unwrapped", count=1, text=text) for name in moved]
     return [replace(run, q=q) for run, q in zip(runs, found, strict=True)]
 
@@ -330,22 +440,13 @@ def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:
 
 
 def _even_parts(
-    table: Table, part: dict[str, np.ndarray], rows: np.ndarray, name: str | None, label: str, declared: bool
+    table: Table, part: dict[str, np.ndarray], rows: np.ndarray, name: str | None, label: str
 ) -> tuple[list[tuple[str, dict[str, np.ndarray]]], list[Repair]]:
     """Evenly sampled runs of one trajectory with their names, and what was done to its time stamps."""
     of, t = "" if name is None else f" of trajectory {name!r}", part["t"]
     if len(t) < MIN_SAMPLES:
         raise table.refuse(f"{len(t)} samples{of}; at least {MIN_SAMPLES} are needed, record a longer run")
     try:
-        dt = float(np.median(np.diff(t)))
-        if dt > 1.0 or (dt == 1.0 and not (t % 1.0).any() and not declared):
-            unit, per_second, name = next((x for x in _STAMPS if dt <= x[1]), _STAMPS[-1])
-            rate = " (numbers of samples by their rate)" if dt == 1.0 else ""
-            raise table.refuse(
-                f"{dt:g} s between samples{of}: these look like {name}; divide by {per_second:.0f}{rate}, or declare "
-                f'the unit in units.json: {{"t": "{unit}"}}',
-                column="t",
-            )
         pieces, gaps = even_pieces(part)
     except UnevenError as error:
         raise table.refuse(f"{error}{of}", row=int(rows[error.row]), column="t") from None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.recording.data import is_command
+from mrwarp.recording.data import Repair, is_command
 
 MAX_JITTER = 0.5
 """Largest deviation of a sampling interval from the median interval, as a share of it; above, it is resampled."""
@@ -45,6 +45,10 @@ clock, for a late one makes its next interval short; 0, to within 2/sqrt(N), whe
 
 _TYPICAL = 45.0
 """Percentile of the intervals where the logger's own is looked for: of two that are as common, the shorter."""
+
+_REPEATED, _ALWAYS, _TWICE = 25, 0.98, 0.3
+"""Fewest rows of a drive that show how often each was written; share of them that must come as often; least share of
+rows that only repeat another."""
 
 _WHERE = 10
 """Most places that are named."""
@@ -85,6 +89,44 @@ class Piece:
             filled = f", {self.filled} lost samples filled in" if self.filled else ""
             found.append(f"{self.moved} uneven intervals resampled at {rate:.4g} Hz{filled} (at {places} s)")
         return "; ".join(found)
+
+
+def thinned(label: str, columns: dict[str, np.ndarray], rows: np.ndarray) -> tuple[np.ndarray, list[Repair]]:
+    """Rows of a run without those that say again what the one before them says, and a note.
+
+    A logger that writes faster than a drive sends writes each row several times, with the stamp of the drive, which is
+    then the same, or with its own. Only where nearly all rows come as often are they left out.
+
+    Args:
+        label: Name of the run.
+        columns: Columns of the file.
+        rows: Rows of the run, shape (N,).
+    """
+    read = [x[rows] for name, x in columns.items() if name not in ("t", "temperature") and np.ptp(x[rows]) > 0.0]
+    t = columns["t"][rows]
+    if not read or len(rows) < 2 * _REPEATED:
+        return rows, []
+    news = np.any([np.diff(x) != 0.0 for x in read], axis=0)
+    if np.mean(np.diff(t) == 0.0) > _SOME:
+        stands = np.diff(t) == 0.0
+        again = stands & ~news
+        kept = np.concatenate([[True], ~again])
+        if not again.any() or (stands & news).any() and np.mean(again) < _TWICE:
+            return rows, []
+        every = (len(rows) - 1) / max(int(kept.sum()) - 1, 1)
+        text = f"every row stands in the file {every:.3g} times on average: one of each is used"
+    else:
+        at = np.flatnonzero(news) + 1
+        every = int(np.median(np.diff(at))) if len(at) > _REPEATED else 1
+        if every < 2:
+            return rows, []
+        phase = int(np.bincount(at % every).argmax())
+        if np.mean(at % every == phase) < _ALWAYS:
+            return rows, []
+        kept = (np.arange(len(rows)) - phase) % every == 0
+        text = f"all channels change every {every} rows only: the first of each {every} is used"
+    count = int((~kept).sum())
+    return rows[kept], [Repair(trajectory=label, kind="thinned", count=count, text=f"{text} ({count} are left out)")]
 
 
 def even_pieces(columns: dict[str, np.ndarray]) -> tuple[list[Piece], list[tuple[float, float]]]:

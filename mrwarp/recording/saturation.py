@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from mrwarp.recording.data import Recording, Repair
+from mrwarp.recording.data import Recording, Repair, few_levels
 
 CLIPPED = 0.002
 """Share of samples that stand, in runs, at the very largest torque above which the sensor counts as saturated."""
@@ -65,6 +65,9 @@ def saturated(recording: Recording) -> str:
     runs = recording.trajectories
     if any(run.lost is not None for run in runs):
         return ""
+    runs = [run for run in runs if not few_levels(run.torque)]
+    if not runs:
+        return ""
     torque = np.concatenate([run.torque for run in runs])
     clipped, limit = max((at_limit(torque), torque.max()), (at_limit(-torque), torque.min()))
     if clipped > CLIPPED:
@@ -81,17 +84,31 @@ def saturated(recording: Recording) -> str:
 
 
 def mark_saturated(recording: Recording) -> Recording:
-    """Set saturated samples aside (``Trajectory.lost``) where enough others are left; else the recording as it is."""
-    torque = np.concatenate([run.torque for run in recording.trajectories])
+    """Set saturated samples aside (``Trajectory.lost``) where enough others are left; else the recording as it is.
+
+    A torque of few levels is a command, which has no sensor's range.
+    """
+    levels = [few_levels(run.torque) for run in recording.trajectories]
+    if all(levels):
+        return recording
+    measured = [run for run, few in zip(recording.trajectories, levels, strict=True) if not few]
+    torque = np.concatenate([run.torque for run in measured])
     reach = float(np.ptp(torque))
     limits = [sign * (sign * torque).max() for sign in (1.0, -1.0) if at_limit(sign * torque) > CLIPPED]
-    stands = [stuck(run.torque, run.q, run.dt) for run in recording.trajectories]
+    stands = [
+        np.zeros(len(run.t), dtype=bool) if few else stuck(run.torque, run.q, run.dt)
+        for run, few in zip(recording.trajectories, levels, strict=True)
+    ]
     if reach == 0.0 or not (limits or any(x.any() for x in stands)):
         return recording
     size = _BEFORE + 1 + _AFTER
     runs, repairs, lost_in_all = [], list(recording.repairs), 0
-    for run, stood in zip(recording.trajectories, stands, strict=True):
-        ended = (np.abs(run.torque - np.array([limits]).T) <= 1e-9 * reach).any(axis=0)
+    for run, few, stood in zip(recording.trajectories, levels, stands, strict=True):
+        ended = (
+            np.zeros(len(run.t), dtype=bool)
+            if few
+            else (np.abs(run.torque - np.array([limits]).T) <= 1e-9 * reach).any(axis=0)
+        )
         at = ended | stood
         lost = binary_dilation(at, np.ones(size), origin=_BEFORE - size // 2)
         lost_in_all += int(lost.sum())

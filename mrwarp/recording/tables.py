@@ -5,42 +5,45 @@ A CSV begins with ``# key: value`` lines, then names its columns; Parquet keeps 
 
 from __future__ import annotations
 
-import csv
 import gzip
-import io
 import json
 import re
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mrwarp.recording.containers import arrays_of, as_columns, guessed, sheet_as_text
 from mrwarp.recording.data import UNITS, RecordingError
+from mrwarp.recording.text_tables import NO_ID, CellError, Text, looks_tabular, pieces_of, read_head, read_rows
 from mrwarp.recording.units import CONVERSIONS
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
-"""File types that are recordings."""
+"""File types that are recordings, of a joint or a robot."""
+
+TEXTS = (".tsv", ".txt", ".dat", ".asc", ".tsv.gz", ".txt.gz", ".dat.gz")
+"""Further names of tables as text; in a folder one counts only if it holds a table."""
+
+CONTAINERS = (".mat", ".npz", ".xlsx")
+"""Further file types that hold a joint's recording."""
 
 MAX_BYTES = 2**29
 """Largest recording that is read, all files together and uncompressed [bytes]: 512 MiB, 14 hours at 200 Hz."""
 
-EMPTY = frozenset(("", "#N/A", "NA", "N/A", "n/a", "NULL", "null", "None", "nan", "NaN", "NAN", "-nan", "-NaN"))
-"""Cells that programs write where there is no number."""
+_HEAD = 2**20
+"""Bytes in which the header and the names of a text's columns stand."""
 
-_ALIKE = 20
-"""Fewest lines by which the last one is judged."""
 _UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 """A unit in brackets."""
-_LAST_NUMBER = re.compile(r"\.(\d*)(?:[eE][-+]?\d+)?\s*$")
 
 _ALIASES = {
     "t": ("time", "timestamp", "zeit"),
     "q": ("theta", "position", "angle", "displacement", "pos", "winkel", "weg"),
     "qd": ("speed", "velocity", "omega", "vel", "dq", "rpm", "drehzahl", "geschwindigkeit"),
-    "current": ("i", "i_coil", "coil_current", "amps", "strom"),
+    "current": ("i", "i_coil", "coil_current", "coil", "cur", "amps", "strom"),
     "torque": ("tau", "force", "moment", "drehmoment", "kraft"),
 }
 
@@ -59,8 +62,8 @@ class Table:
     """Float64, NaN where a cell is empty."""
     ids: np.ndarray | None = None
     """Trajectory of each row, or None for one trajectory."""
-    cut: str = ""
-    """Note on a last line that was left out because the file ends within it; empty: there is none."""
+    notes: tuple[str, ...] = ()
+    """Rows and cells that were left out or filled in when it was read."""
 
     def refuse(self, problem: str, *, row: int | None = None, column: str | None = None) -> RecordingError:
         """The error for a row (counted from 0) and a column of this file."""
@@ -74,7 +77,17 @@ class Table:
 
 def suffix_of(path: Path) -> str:
     """The recording suffix of a file name, or an empty string."""
-    return next((s for s in reversed(SUFFIXES) if path.name.lower().endswith(s)), "")
+    known = (*CONTAINERS, *TEXTS, *SUFFIXES)
+    return next((s for s in sorted(known, key=len, reverse=True) if path.name.lower().endswith(s)), "")
+
+
+def holds_table(file: Path) -> bool:
+    """Whether a text begins with a table, and not with words as a note does."""
+    try:
+        with gzip.open(file) if file.name.lower().endswith(".gz") else file.open("rb") as stream:
+            return looks_tabular(stream.read(4096))
+    except (OSError, EOFError, zlib.error):
+        return True  # the reason is named when it is read
 
 
 def _of_a_joint(name: str) -> bool:
@@ -82,7 +95,15 @@ def _of_a_joint(name: str) -> bool:
     return name in UNITS or name == "trajectory"
 
 
-def read_table(file: Path, required: Sequence[str], limit: int, keep: Callable[[str], bool] = _of_a_joint) -> Table:
+def read_table(
+    file: Path,
+    required: Sequence[str],
+    limit: int,
+    keep: Callable[[str], bool] = _of_a_joint,
+    *,
+    called: Mapping[str, str] | None = None,
+    seconds: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Table:
     """Read one file.
 
     Args:
@@ -90,10 +111,14 @@ def read_table(file: Path, required: Sequence[str], limit: int, keep: Callable[[
         required: Columns that it must have.
         limit: Largest content [bytes], uncompressed: what other files of the recording leave.
         keep: Whether a column, by its name, is read.
+        called: Column that a quantity stands in, where the file calls it otherwise.
+        seconds: Turns stamps into seconds, so that a text sampled far more quickly than a joint moves is averaged while
+            it is read; None: it is read as it is.
 
     Raises:
         RecordingError: the file is refused.
     """
+    called = called or {}
     try:
         size = file.stat().st_size
         with file.open("rb") as stream:
@@ -103,168 +128,147 @@ def read_table(file: Path, required: Sequence[str], limit: int, keep: Callable[[
     compressed, suffix = start[:2] == b"\x1f\x8b", suffix_of(file)
     _check_size(file, size, limit)
     if size and (suffix == ".parquet" or start == b"PAR1"):
-        return _read_parquet(file, required, limit, keep)
-    if size and suffix == ".csv.gz" and not compressed:
+        return _read_parquet(file, required, limit, keep, called)
+    if size and suffix in CONTAINERS:
+        return _of_container(file, required, limit, keep, called, seconds)
+    if size and suffix.endswith(".gz") and not compressed:
         raise RecordingError(f"{file}: named .gz, but not compressed with gzip; rename it to .csv or compress it")
     try:
         with gzip.open(file) if compressed else file.open("rb") as stream:
-            data = stream.read(limit + 1)  # a small file may hold more than any memory
+            data = stream.read(_HEAD)
+            if not data:
+                raise RecordingError(f"{file}: the file is empty; record it again")
+            if any(byte < 9 or 13 < byte < 32 for byte in data[:4096]):
+                hint = "export it as CSV with columns t, q, qd, current, torque, or as .parquet"
+                raise RecordingError(f"{file}: binary data, not text; {hint}")
+            # a small file may hold more than any memory
+            rest = pieces_of(stream, data, limit, lambda total: _too_large(file, total))  # pyright: ignore[reportArgumentType]
+            return _read_text(file, data, rest, required, keep, called, seconds)
     except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(f"{file}: the gzip data is damaged ({error}); copy or record it again") from None
-    if not data:
-        raise RecordingError(f"{file}: the file is empty; record it again")
-    if any(byte < 9 or 13 < byte < 32 for byte in data[:4096]):
-        hint = "export it as CSV with columns t, q, qd, current, torque, or as .parquet"
-        raise RecordingError(f"{file}: binary data, not text; {hint}")
-    _check_size(file, len(data), limit)
-    return _read_csv(file, data, required, keep)
 
 
 def _check_size(file: Path, size: int, limit: int) -> None:
     if size > limit:
-        raise RecordingError(
-            f"{file}: {size / 2**30:.1f} GiB is more than is read at once "
-            f"({MAX_BYTES / 2**20:g} MiB per recording, uncompressed); split it into several recordings"
-        )
+        raise _too_large(file, size)
 
 
-def _read_csv(file: Path, data: bytes, required: Sequence[str], keep: Callable[[str], bool]) -> Table:
-    header: dict[str, Any] = {}
-    position, lines, line = 3 if data.startswith(b"\xef\xbb\xbf") else 0, 0, ""  # a spreadsheet's mark before UTF-8
-    while not line or line.startswith("#"):
-        if position >= len(data):
-            raise RecordingError(f"{file}: no columns; the first line must name them: {', '.join(required)}")
-        end = data.find(b"\n", position) + 1 or len(data)
-        line = data[position:end].decode("utf-8", "replace").strip()
-        position, lines = end, lines + 1
-        key, colon, value = line.lstrip("# ").partition(":")
-        if line.startswith("#") and colon:
-            try:
-                header[key.strip()] = json.loads(value)
-            except (ValueError, RecursionError):
-                header[key.strip()] = value.strip()
-    names = [name.strip().strip('"').strip() for name in line.split(",")]
-    blank_lines = any(0 <= data.find(blank, position) < len(data) - 8 for blank in (b"\n\n", b"\n\r\n"))
-    first_line = None if blank_lines else lines + 1
-    table = Table(file=file, header=header, size=len(data), first_line=first_line, columns={})
-    _check_names(table, names, line, required)
-    if not data[position : position + 256].strip():
-        raise table.refuse("no samples, only the column names; record it again")
-    try:
-        text = data[position:].decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise table.refuse(f"not readable as CSV ({error}); export it again") from None
-    text, cut = _without_cut_line(text, len(names))
-    table = replace(table, cut=cut)
-    numbers = [k for k, name in enumerate(names) if keep(name) and name != "trajectory"]
-    values = _plain_numbers(text, len(names), numbers)
-    if values is None:
-        return _cell_by_cell(table, text, names, keep)
-    ids = None
-    if "trajectory" in names and keep("trajectory"):
-        at = names.index("trajectory")
-        if '"' in text:
-            cells = [row[at] for row in _rows(table, text)]
-        else:
-            cells = [line.split(",", at + 1)[at].strip() for line in text.splitlines() if line and not line.isspace()]
-        ids = np.array(cells, dtype=object)
-        if len(empty := np.flatnonzero(ids == "")):
-            raise _without_id(table, int(empty[0]))
-    return replace(table, columns={names[k]: values[:, i].copy() for i, k in enumerate(numbers)}, ids=ids)
-
-
-def _without_cut_line(text: str, count: int) -> tuple[str, str]:
-    """Lines of ``count`` cells without a last one in which the file ends, and a note on it.
-
-    It lacks the line's end, and cells, or digits of a last number that has as many in all the other lines.
-    """
-    start = text.rfind("\n") + 1
-    last = text[start:]
-    lines = text[:start].splitlines()
-    if not last.strip() or len(lines) < _ALIKE or '"' in last:
-        return text, ""
-    digits = {_decimals(line) for line in lines}
-    fewer = last.count(",") + 1 < count
-    if not fewer and (len(digits) > 1 or _decimals(last) >= max(digits)):
-        return text, ""
-    return text[:start], (
-        f"the file ends within its last line, {last.strip()[-40:]!r}: that line is left out; was the logger stopped, "
-        "or is the copy not complete?"
+def _too_large(file: Path, size: int) -> RecordingError:
+    return RecordingError(
+        f"{file}: {size / 2**30:.1f} GiB is more than is read at once "
+        f"({MAX_BYTES / 2**20:g} MiB per recording, uncompressed); split it into several recordings"
     )
 
 
-def _decimals(line: str) -> int:
-    """Digits after the point of the last number of a line, 0 where it has none."""
-    found = _LAST_NUMBER.search(line)
-    return len(found[1]) if found else 0
-
-
-def _plain_numbers(text: str, count: int, wanted: Sequence[int]) -> np.ndarray | None:
-    """Columns that hold numbers alone, shape (N, columns); None where a cell is none, or a line short or quoted."""
+def _read_text(
+    file: Path,
+    data: bytes,
+    pieces: Iterator[bytes],
+    required: Sequence[str],
+    keep: Callable[[str], bool],
+    called: Mapping[str, str],
+    seconds: Callable[[np.ndarray], np.ndarray] | None,
+) -> Table:
+    """A table of text, whose beginning is ``data`` and whose whole content are the pieces."""
+    known = {*UNITS, "trajectory", *called.values(), *(alias for names in _ALIASES.values() for alias in names)}
     try:
-        values = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, usecols=wanted, ndmin=2)
-    except ValueError:
-        return None
-    return values if len(values) and text.count(",") == len(values) * (count - 1) else None
+        text, begin = read_head(data, lambda name: name.lower() in known or name in known or bool(_meant(name)))
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}: {', '.join(required)}") from None
+    table = Table(file=file, header=text.header, size=0, first_line=text.first_line, columns={})
+    text.names = _called(table, text.names, called)
+    try:
+        _check_names(table, text.names, text.line, required)
+    except RecordingError as error:
+        if any(map(_meant, text.names)) or "must name the columns" in str(error):
+            raise
+        text.columns = _first_rows(text, data[begin:])
+        declared = json.dumps(guessed(text.columns, called, _meant), ensure_ascii=False)
+        raise RecordingError(f"{error}; or say which is which in units.json, as {declared}") from None
+    if not data[begin : begin + 256].strip():
+        raise table.refuse("no samples, only the column names; record it again")
+    try:
+        read_rows(text, _from(pieces, begin), keep, seconds)
+    except CellError as error:
+        table = replace(table, first_line=text.first_line)
+        raise table.refuse(error.problem, row=error.row, column=error.column) from None
+    except UnicodeDecodeError as error:
+        raise table.refuse(f"not readable as CSV ({error}); export it again") from None
+    return replace(
+        table,
+        columns=text.columns,
+        ids=text.ids,
+        notes=tuple(text.notes),
+        first_line=text.first_line,
+        size=text.size,
+    )
 
 
-def _cell_by_cell(table: Table, text: str, names: list[str], keep: Callable[[str], bool]) -> Table:
-    """The slow way, which takes text and empty cells, and knows where one is wrong."""
-    rows = _rows(table, text)
-    for k, row in enumerate(rows):
-        if len(row) != len(names):
-            problem = f"{len(row)} values for {len(names)} columns; complete or remove the line"
-            raise table.refuse(problem, row=k)
-    if rows and not any(_reads(cell) for cell in rows[0]):
-        units = {n: cell.strip(" []()") for n, cell in zip(names, rows[0], strict=True) if n in UNITS and cell.strip()}
-        declared = json.dumps({n: unit for n, unit in units.items() if unit != UNITS[n]}, ensure_ascii=False)
-        hint = f"; if it names units, declare {declared} in units.json" if declared != "{}" else ""
-        raise table.refuse(f"no number in it ({', '.join(rows[0])[:60]}): remove the line{hint}", row=0)
-    columns, ids = {}, None
-    for name, cells in zip(names, zip(*rows, strict=True), strict=True):
-        if name == "trajectory" and keep(name):
-            if "" in cells:
-                raise _without_id(table, cells.index(""))
-            ids = np.asarray(cells, dtype=object)
-        elif keep(name):
-            columns[name] = np.array([_number(table, cell, row, name) for row, cell in enumerate(cells)])
+def _first_rows(text: Text, data: bytes) -> dict[str, np.ndarray]:
+    """All columns of the first rows of a table, as far as they can be read."""
+    try:
+        read_rows(text, iter([data[: data.rfind(b"\n") + 1]]), lambda name: True, None)
+    except (CellError, UnicodeDecodeError):
+        return {}
+    return text.columns
+
+
+def _from(pieces: Iterator[bytes], begin: int) -> Iterator[bytes]:
+    """Pieces without their first bytes."""
+    for piece in pieces:
+        yield piece[begin:]
+        begin = 0
+
+
+def _called(table: Table, names: Sequence[str], called: Mapping[str, str]) -> list[str]:
+    """Names of the columns as quantities, where declarations say what the file calls them.
+
+    Raises:
+        RecordingError: a declared name is not there.
+    """
+    for quantity, name in called.items():
+        if name not in names:
+            found = ", ".join(names)[:200]
+            raise table.refuse(f"column {name!r}, declared as {quantity!r}, is missing (found: {found}); correct it")
+    own = {name: quantity for quantity, name in called.items()}
+    return [own.get(name, f"{name} (not {name})" if name in called else name) for name in names]
+
+
+def _of_container(
+    file: Path,
+    required: Sequence[str],
+    limit: int,
+    keep: Callable[[str], bool],
+    called: Mapping[str, str],
+    seconds: Callable[[np.ndarray], np.ndarray] | None,
+) -> Table:
+    """A table out of a container of arrays, or of a sheet."""
+    if suffix_of(file) == ".xlsx":
+        data = sheet_as_text(file, limit)
+        return _read_text(file, data, iter([data]), required, keep, called, seconds)
+    arrays, header = arrays_of(file, limit)
+    table = Table(file=file, header=header, size=sum(8 * x.size for x in arrays.values()), columns={})
+    names = list(arrays)
+    renamed = _called(table, names, called)
+    missing = [name for name in required if name not in renamed and not (name == "q" and "qd" in renamed)]
+    if missing:
+        shapes = ", ".join(f"{name} {' x '.join(map(str, x.shape))}" for name, x in list(arrays.items())[:24])
+        declared = json.dumps(guessed(arrays, called, _meant), ensure_ascii=False)
+        raise table.refuse(
+            f"no array is called {missing[0]!r}; it holds {shapes or 'no numbers'}; say which is which in units.json, "
+            f"as {declared}"
+        )
+    kept = {name: x for name, x in zip(renamed, arrays.values(), strict=True) if keep(name) and name != "trajectory"}
+    try:
+        columns, ids = as_columns(kept, arrays.get(called.get("trajectory", "trajectory")))
+    except ValueError as error:
+        raise table.refuse(f"{error}") from None
     return replace(table, columns=columns, ids=ids)
 
 
-def _rows(table: Table, text: str) -> list[list[str]]:
-    """Cells of the lines that are not blank."""
-    try:
-        return [row for row in csv.reader(io.StringIO(text), strict=True) if row]
-    except csv.Error as error:
-        raise table.refuse(f"not readable as CSV ({error}); export it again") from None
-
-
-def _reads(cell: str) -> bool:
-    """Whether a cell is a number or empty."""
-    try:
-        return cell.strip() in EMPTY or np.isfinite(float(cell))
-    except ValueError:
-        return False
-
-
-def _number(table: Table, cell: str, row: int, name: str) -> float:
-    text = cell.strip()
-    if text in EMPTY:
-        return float("nan")
-    try:
-        if "_" not in text:  # Python's own way to write a number, no other program's
-            return float(text)
-    except ValueError:
-        pass
-    problem = f"{text[:40]!r} is no number; write a plain number with a decimal point, or remove the line"
-    raise table.refuse(problem, row=row, column=name)
-
-
-def _without_id(table: Table, row: int) -> RecordingError:
-    return table.refuse("no trajectory id; fill in the column or leave it out", row=row, column="trajectory")
-
-
-def _read_parquet(file: Path, required: Sequence[str], limit: int, keep: Callable[[str], bool]) -> Table:
+def _read_parquet(
+    file: Path, required: Sequence[str], limit: int, keep: Callable[[str], bool], called: Mapping[str, str]
+) -> Table:
     import pyarrow as pa  # an extra: most recordings are CSV
     import pyarrow.parquet
 
@@ -272,7 +276,9 @@ def _read_parquet(file: Path, required: Sequence[str], limit: int, keep: Callabl
         with pa.OSFile(str(file)) as stream:
             parquet = pyarrow.parquet.ParquetFile(stream)
             names = parquet.schema_arrow.names
-            wanted = [n for n in names if keep(n)]
+            table = Table(file=file, header={}, size=0, columns={})
+            renamed = dict(zip(names, _called(table, names, called), strict=True))
+            wanted = [n for n in names if keep(renamed[n])]
             # 8 bytes a value: what the file takes in memory, however well it is compressed
             size = 8 * parquet.metadata.num_rows * max(len(wanted), 1)
             _check_size(file, size, limit)
@@ -280,8 +286,8 @@ def _read_parquet(file: Path, required: Sequence[str], limit: int, keep: Callabl
             table = Table(
                 file=file, header=header if isinstance(header, dict) else {"header": header}, size=size, columns={}
             )
-            _check_names(table, names, ",".join(names), required)
-            content = parquet.read(columns=wanted)
+            _check_names(table, list(renamed.values()), ",".join(names), required)
+            content = parquet.read(columns=wanted).rename_columns([renamed[n] for n in wanted])
     except RecordingError:
         raise
     except (pa.ArrowException, OSError, ValueError, RecursionError) as error:
@@ -299,7 +305,7 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
         missing = []  # it is integrated
     if missing:
         if len(names) == 1 and re.search(r"[;\t]", line):
-            hint = "columns must be separated by commas, numbers written with a decimal point"
+            hint = "columns must be separated by commas, semicolons, tabulators or spaces"
         elif all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
             hint = f"the first line must name the columns: {', '.join(required)}"
         else:
@@ -324,7 +330,9 @@ def _renames(names: list[str], missing: list[str]) -> str:
     said = {name: unit for name, old in near.items() if (unit := _unit_in(old, name))}
     units = {name: unit for name, unit in said.items() if CONVERSIONS[name].get(unit) != (1.0, UNITS[name])}
     hint = "rename " + ", ".join(f"{old!r} to {name!r}" for name, old in near.items())
-    return hint + (f", and declare {json.dumps(units, ensure_ascii=False)} in units.json" if units else "")
+    hint += f", and declare {json.dumps(units, ensure_ascii=False)} in units.json" if units else ""
+    declared = json.dumps({"columns": near, **units}, ensure_ascii=False)
+    return f"{hint}; or leave the file as it is and declare {declared} in units.json"
 
 
 def _near(names: list[str], name: str) -> list[str]:
@@ -334,11 +342,21 @@ def _near(names: list[str], name: str) -> list[str]:
     return [each for each, text in plain.items() if text in (name, *_ALIASES[name])]
 
 
+def _meant(column: str) -> str:
+    """The quantity that a column's name stands for, or an empty text."""
+    return next((name for name in _ALIASES if _near([column], name)), "")
+
+
 def _unit_in(column: str, name: str) -> str:
-    """The unit in a column's name, in brackets or as its last word (``angle_deg``); empty where there is none."""
+    """The unit in a column's name, in brackets or as its last word (``angle_deg``); empty where there is none.
+
+    What a logger writes in brackets may be a channel's number.
+    """
     last = re.split(r"[_\s]", column)[-1]
     found = _UNIT.search(column)
-    return found[1] if found else last if last != column and last in CONVERSIONS[name] else ""
+    if found:
+        return found[1] if re.search(r"[^\W\d]|[°%]", found[1]) else ""
+    return last if last != column and last in CONVERSIONS[name] else ""
 
 
 def _with_columns(table: Table, content: Any) -> Table:
@@ -350,7 +368,8 @@ def _with_columns(table: Table, content: Any) -> Table:
         column = content[name]
         if name == "trajectory":
             if column.null_count:
-                raise _without_id(table, int(np.flatnonzero(column.is_null().to_numpy())[0]))
+                empty = int(np.flatnonzero(column.is_null().to_numpy())[0])
+                raise table.refuse(NO_ID, row=empty, column=name)
             ids = np.asarray(column.cast(pa.string()).to_pylist(), dtype=object)
             continue
         try:

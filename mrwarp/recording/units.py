@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import re
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,8 @@ CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
 
 MAX_UNIT = 20
 """Longest unit [characters]; units stand in messages, pictures and model files."""
+
+_SCALED = '{"scale": {"torque": -1}}'
 
 PER = {"counts_per_revolution": (2.0 * np.pi, "rad"), "counts_per_metre": (1.0, "m")}
 """Entries of units.json that say how large an encoder's counts are: what that many counts are, and its unit."""
@@ -120,6 +123,29 @@ class Units:
     """Columns are not compared with each other, either."""
     count: tuple[float, str] | None = None
     """Angle or displacement of one encoder count, and its unit."""
+    scale: Mapping[str, float] = field(default_factory=dict)
+    """Factors by which the values of columns are multiplied, in the unit that is kept."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """Column that each quantity stands in, where the file calls it otherwise."""
+    path: Path = Path("units.json")
+    """File of the declarations, for messages."""
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    """Its content, as it stands."""
+
+    def declaring(self, more: Mapping[str, Any]) -> Units:
+        """The units with further declarations; a scale is added to those that are there.
+
+        Raises:
+            RecordingError: they do not go together.
+        """
+        return units_of(self.path, self.content(more))
+
+    def content(self, more: Mapping[str, Any]) -> dict[str, Any]:
+        """Content of a ``units.json`` with further declarations."""
+        found = {**self.stated, **more}
+        if "scale" in more:
+            found["scale"] = {**dict(self.stated.get("scale", {})), **more["scale"]}
+        return found
 
     def _conversion(self, key: str) -> tuple[float, str]:
         unit = self.declared[key]
@@ -135,7 +161,7 @@ class Units:
         """Values in the unit that is kept."""
         if self.declared[key] == "K":
             return values - 273.15
-        return values * self._conversion(key)[0]
+        return values * (self._conversion(key)[0] * self.scale.get(key, 1.0))
 
     def periods(self) -> list[float]:
         """Lengths after which a reading of ``q`` may begin again: a turn, and what a counter of 16 or 32 bits holds."""
@@ -146,13 +172,17 @@ class Units:
         return turn + counter
 
 
-def read_units(folder: Path) -> Units:
+def read_units(folder: Path, file: Path | None = None) -> Units:
     """The units of a folder's recordings.
+
+    Args:
+        folder: Where ``units.json`` may lie.
+        file: Declarations that stand in its place; None: none do.
 
     Raises:
         RecordingError: ``units.json`` is refused; the message names the entry and what may stand there.
     """
-    path = folder / "units.json"
+    path = file or folder / "units.json"
     declared: Any = {}
     if path.is_file():
         try:
@@ -161,9 +191,22 @@ def read_units(folder: Path) -> Units:
             raise RecordingError(str(error)) from None
         if not isinstance(declared, dict):
             raise RecordingError(f'{path}: must hold one object, e.g. {{"q": "deg", "current": "mA"}}')
+    elif file is not None:
+        raise RecordingError(f"{file}: there is no such file; name a JSON file that declares units and columns")
+    return units_of(path, declared)
+
+
+def units_of(path: Path, content: Mapping[str, Any]) -> Units:
+    """The units that declarations state; ``path`` is their file, for messages.
+
+    Raises:
+        RecordingError: an entry is refused; the message names it and what may stand there.
+    """
+    declared = dict(content)
     trusted = declared.pop("trust_units", False)
     if not isinstance(trusted, bool):
         raise RecordingError(f"{path}: trust_units = {trusted!r} must be true or false")
+    scale, names = _scale(path, declared.pop("scale", {})), _names(path, declared.pop("columns", {}))
     count = _count(path, declared)
     for key, unit in declared.items():
         if key not in CONVERSIONS:
@@ -176,7 +219,7 @@ def read_units(folder: Path) -> Units:
         declared["qd"] = ("deg" if declared["q"] in ("degree", "degrees") else declared["q"]) + "/s"
     if "qd" in declared and "q" not in declared and Units(declared, count=count).base("qd") == "m/s":
         declared["q"] = "m"
-    result = Units({**UNITS, **declared}, given, trusted, count)
+    result = Units({**UNITS, **declared}, given, trusted, count, scale, names, path, dict(content))
     linear = result.base("q") == "m"
     for key, *wanted in (("qd", "m/s" if linear else "rad/s"), ("torque", "N" if linear else "N·m", "A", "V")):
         if result.base(key) not in wanted:
@@ -185,6 +228,28 @@ def read_units(folder: Path) -> Units:
                 f"{path}: q in {units['q']} does not go with {key} in {units[key]}; declare {key} in {wanted[0]}"
             )
     return result
+
+
+def _scale(path: Path, found: Any) -> dict[str, float]:
+    """Factors of columns, checked."""
+    for key, factor in found.items() if isinstance(found, dict) else ():
+        number = isinstance(factor, int | float) and not isinstance(factor, bool) and math.isfinite(factor)
+        if key not in CONVERSIONS or not number or not factor:
+            raise RecordingError(f"{path}: scale of {key!r} = {factor!r}: write a column and a number, e.g. {_SCALED}")
+    if not isinstance(found, dict):
+        raise RecordingError(f"{path}: scale must be an object of columns and their factors, e.g. {_SCALED}")
+    return {key: float(factor) for key, factor in found.items()}
+
+
+def _names(path: Path, found: Any) -> dict[str, str]:
+    """Names of columns in the file, checked."""
+    allowed = (*CONVERSIONS, "trajectory")
+    if not isinstance(found, dict) or not all(k in allowed and isinstance(v, str) and v for k, v in found.items()):
+        raise RecordingError(
+            f"{path}: columns = {json.dumps(found)[:60]} must name the file's column of {', '.join(allowed[:5])} ...; "
+            'e.g. {"columns": {"q": "pos", "torque": "tau"}}'
+        )
+    return dict(found)
 
 
 def _known_unit(path: Path, key: str, unit: Any, trusted: bool) -> str:

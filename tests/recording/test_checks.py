@@ -100,7 +100,6 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
         _text_edit(lambda x: [x[0].replace("torque", "Tau"), *x[1:]]),
         ("'torque' is missing", "rename 'Tau' to 'torque'"),
     ),
-    "semicolons": (_text_edit(lambda x: [line.replace(",", ";") for line in x]), ("separated by commas",)),
     "no names": (_text_edit(lambda x: x[1:]), ("first line must name the columns",)),
     "double column": (_text_edit(lambda x: [f"{line},{line.split(',')[1]}" for line in x]), ("two columns", "'q'")),
     "NaN": (_edited(torque=_at(17, np.nan)), ("row 18", "line 19", "'torque'", "NaN", "cut it out")),
@@ -158,7 +157,12 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
         _text_edit(lambda x: [x[0], *(line for line in x[1:] if random.Random(line).random() < 0.5)]),
         ("'t'", "uneven sampling", "of the samples are missing"),
     ),
-    "degrees": (_edited(q=lambda x: x * DEG, qd=lambda x: x * DEG), ("'q'", "look like deg", '{"q": "deg"}')),
+    "degrees": (
+        lambda folder: write(
+            folder / "bad.csv", {k: x * DEG if k == "q" else x for k, x in columns().items() if k != "qd"}
+        ),
+        ("'q'", "look like deg", '{"q": "deg"}'),
+    ),
     "small degrees": (_edited(q=lambda x: 0.1 * x * DEG, qd=lambda x: 0.1 * x), ("'q'", "looks like deg", "dq/dt")),
     "degrees per second": (_edited(qd=lambda x: x * DEG), ("'qd'", "looks like deg/s")),
     "rpm": (_edited(qd=lambda x: x * 30.0 / np.pi), ("'qd'", "looks like rpm", '"qd": "rpm"')),
@@ -189,7 +193,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "not gzip": (_bytes("bad.csv.gz", b"t,q,current,torque\n"), ("not compressed with gzip",)),
     "not parquet": (_bytes("bad.parquet", b"t,q,current,torque\n" * 9), ("not a readable Parquet file",)),
     "parquet with text": (_parquet_text, ("'q'", "holds string, not numbers")),
-    "unknown kind": (_bytes("bad.xlsx", b"x"), ("not a known kind", ".parquet")),
+    "unknown kind": (_bytes("bad.pdf", b"x"), ("not a known kind", ".parquet")),
+    "not a sheet": (_bytes("bad.xlsx", b"x"), ("not a readable spreadsheet", "save the sheet as CSV")),
+    "not MATLAB's": (_bytes("bad.mat", b"x" * 200), ("not a readable MATLAB file", "save it again")),
+    "not numpy's": (_bytes("bad.npz", b"x"), ("not a readable .npz", "save it again")),
     "no file": (lambda folder: folder / "bad.csv", ("no such file or folder", "check the path")),
 }
 
@@ -253,7 +260,7 @@ def test_bad_units_file_is_refused(tmp_path: Path, content: str, message: str):
 def test_large_values_are_taken_when_their_unit_is_vouched_for(tmp_path: Path):
     """A joint that turns many times is no mistake when units.json says so."""
     data = columns()
-    data["q"], data["qd"] = 20.0 * data["t"], np.full(200, 20.0)
+    data["q"] = 20.0 * data.pop("qd")
     write(tmp_path / "a.csv", data)
     with pytest.raises(RecordingError, match="look like deg"):
         load_recording(tmp_path / "a.csv")

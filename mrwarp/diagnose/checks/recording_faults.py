@@ -112,8 +112,8 @@ def _moved_zero(recording: Recording, table: RunTable, settings: Settings) -> Re
     if not _lasts(halves, split, offsets):
         return None
     near, far = sorted(split, key=lambda group: float(abs(np.median(offsets[group]))))
-    if not similar[far].all():
-        return None
+    if not similar[far].all() or all(recording.trajectories[int(k)].one_way for k in far):
+        return None  # of a run that never turns back, dry friction and a zero are one number
     zero = float(offsets[near].mean())
     return _fault(recording, "torque_zero", far, offsets - zero, recording.units["torque"], zero)
 

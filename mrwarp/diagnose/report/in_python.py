@@ -16,6 +16,7 @@ from mrwarp.identify.fit import FitResult, read_holding
 from mrwarp.identify.law_fit import fit_law
 from mrwarp.identify.mechanics_fit import fit_joint
 from mrwarp.model_file import Model, load_model, save_model
+from mrwarp.recording.blocks import in_blocks
 from mrwarp.recording.load import Recording, load_recording
 from mrwarp.run_dir import write_bytes, write_text
 from mrwarp.runtime import core_count
@@ -71,6 +72,7 @@ def fit(
     log = progress or (lambda text: None)
     recording = data if isinstance(data, Recording) else load_recording(data, skip_bad=skip_bad)
     holding = None if isinstance(data, Recording) else read_holding(Path(data), recording, None, log)
+    recording = in_blocks(recording)
     if law == "bouc_wen":
         result = fit_joint(recording, holding=holding, seed=seed, progress=log)
     else:
