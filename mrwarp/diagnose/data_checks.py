@@ -9,7 +9,7 @@ import numpy as np
 from mrwarp.diagnose.checks.recording_faults import turned_signs
 from mrwarp.identify.checks.refusal_reason import explains_nothing, missed
 from mrwarp.identify.contradictions import contradictions
-from mrwarp.recording.blocks import is_cut
+from mrwarp.recording.blocks import in_blocks, is_cut
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, session_clock, true_names
 from mrwarp.recording.saturation import saturated
 from mrwarp.sysid.report.words import both
@@ -32,7 +32,7 @@ def no_verdict_reasons(recording: Recording, settings: Settings | None = None) -
     """Reasons why no verdict can be given; each names the recording to make."""
     settings = settings or Settings()
     needed = settings.data
-    runs = recording.trajectories
+    runs = in_blocks(recording).trajectories
     seconds = sum(float(run.t[-1] - run.t[0]) + run.dt for run in runs)
     found = []
     if len(runs) < needed.runs:

@@ -83,9 +83,9 @@ def diagnose(
     log = progress or (lambda text: None)
     begun = time.perf_counter()
     settings = settings or Settings()
-    recording = in_blocks(recording)
     if reasons := no_verdict_reasons(recording, settings):
         return without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
+    recording = in_blocks(recording)
     session = _prepared(recording, effects, settings, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(
         session.recording,

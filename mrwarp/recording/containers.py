@@ -124,7 +124,7 @@ def _hdf5(file: Path) -> Iterator[tuple[str, Any]]:
                 yield from walk(value, inside, depth - 1)
             elif isinstance(value, h5py.Dataset) and value.dtype.kind in "biuf":
                 if value.attrs.get("MATLAB_class") == b"char":
-                    yield inside, "".join(map(chr, np.asarray(value).ravel().tolist()))
+                    yield inside, "".join(chr(int(code)) for code in np.asarray(value).flat)
                 else:
                     yield inside, np.asarray(value).T
 

@@ -46,8 +46,8 @@ def test_runs_that_each_begin_at_zero_say_nothing_of_drifts_between_them() -> No
 @pytest.mark.parametrize(
     ("recording", "words"),
     [
-        (good(runs=1, seconds=20.0), "only 1 trajectory"),
-        (good(runs=2, seconds=10.0), "only 2 trajectories"),
+        (good(runs=1, seconds=2.0), "only 1 trajectory"),
+        (good(runs=2, seconds=2.0), "only 2 trajectories"),
         (good(runs=3, seconds=2.0), "too little data: 6 s"),
         (good(runs=4, seconds=4.0, dt=0.02), "800 samples"),
         (changed(good(), q=lambda run: 0.3 + 0.0 * run.q, qd=lambda run: 0.0 * run.q), "does not move"),
@@ -56,7 +56,6 @@ def test_runs_that_each_begin_at_zero_say_nothing_of_drifts_between_them() -> No
         (changed(good(), torque=lambda run: 0.0 * run.torque + 1.0), "torque is 1 throughout"),
         (changed(good(), torque=lambda run: 0.02 * np.sin(7e4 * run.t**2)), "torque does not follow"),
         (changed(good(), torque=lambda run: -run.torque), "drives the motion"),
-        (changed(good(), current=lambda run: -run.current), "current is negative"),
     ],
     ids=[
         "one run",
@@ -69,7 +68,6 @@ def test_runs_that_each_begin_at_zero_say_nothing_of_drifts_between_them() -> No
         "constant torque",
         "torque of something else",
         "turned torque",
-        "turned current",
     ],
 )
 def test_a_reason_without_a_verdict_is_named_with_a_remedy(recording: Recording, words: str) -> None:
@@ -94,7 +92,7 @@ def test_limits_are_those_that_are_stated() -> None:
     """At the limits themselves a verdict is possible."""
     assert no_verdict_reasons(good(runs=3, seconds=4.0)) == []
     assert no_verdict_reasons(good(runs=5, seconds=2.0)) == []
-    assert no_verdict_reasons(good(runs=3, seconds=4.0), Settings(data=Data(runs=4)))
+    assert no_verdict_reasons(good(runs=3, seconds=4.0), Settings(data=Data(runs=40)))
 
 
 @pytest.mark.parametrize(
