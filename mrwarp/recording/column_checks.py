@@ -237,13 +237,21 @@ def misread(
         text = f"values that begin again after {period:.5g}"
         proposed = [{**counted, "qd": "counts/s"}, {**counted, **follows}] if whole else degrees
         return Misread(column="q", problem=text, proposals=proposed)
-    large = _oversized(parts, units, angle="q" in recorded and not _rotates(parts, found, period))
+    # where other columns are not in the plain units either, many turns are likelier degrees
+    turned = not _oversized(parts, units) and _rotates(parts, found, period)
+    large = _oversized(parts, units, angle="q" in recorded and not turned)
     if not large:
         return None
     (key, (size, what, likely)), *others = large.items()
     text = f"values up to {size:.4g} {units.base(key)} {what}"
-    text += "".join(f" (and those of {name} up to {x[0]:.4g} {units.base(name)})" for name, x in others)
+    if others:
+        each = (
+            f"{name} up to {x[0]:.4g} {units.base(name)} like {(x[2] or ['no unit'])[0]}" for name, x in large.items()
+        )
+        text = f"values look like other units: {', '.join(each)}"
     known = {"qd": units.declared["qd"]} if key == "q" and "qd" in recorded else {}
+    if known and likely and found is not None and found.same:
+        known = {"qd": f"{likely[0]}/s"}
     known |= {name: x[2][0] for name, x in others if x[2]}
     return Misread(column=key, problem=text, proposals=[{key: unit, **known} for unit in likely])
 
@@ -253,7 +261,7 @@ def _oversized(
 ) -> dict[str, tuple[float, str, list[str]]]:
     """Columns of no declared unit that no device of this kind reaches: their size, what it is of, and likely units."""
     found = {}
-    for key in ("torque", *(("q",) if angle else ()), "current"):
+    for key in (*(("q",) if angle else ()), "current", "torque"):
         if key in units.given:
             continue
         columns = [getattr(part, key) for part in parts]
@@ -319,12 +327,14 @@ def check_units(
     if wrong.column != "qd":
         whole = wrong.column == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all()
         counts = f', or, if these are encoder counts, {{"q": "counts", "{next(iter(PER))}": ...}}' if whole else ""
+        key = wrong.column
         more = "".join(f" (or {x[key]})" for x in passed[1:] if x[key] != passed[0][key])
         really = json.dumps(units.content({wrong.column: units.declared[wrong.column]}), ensure_ascii=False)
+        look = "" if "look like" in wrong.problem else f" look like {passed[0][wrong.column]}"
         raise table.refuse(
-            f"{wrong.problem} look like {passed[0][key]}; convert them, or declare the unit {where}: {remedy}{counts}"
+            f"{wrong.problem}{look}; convert them, or declare the unit {where}: {remedy}{counts}"
             f"{more} (if they really are {units.base(key)}: {really})",
-            column=key,
+            column=wrong.column if look else None,
         )
     more = "".join(f", or {json.dumps(x, ensure_ascii=False)}" for x in passed[1:2])
     if "columns" in passed[0] and passed[0]["columns"] != units.names:
