@@ -12,7 +12,7 @@ from mrwarp.diagnose.problem import Fit
 from mrwarp.diagnose.proof import Rejection, impossible_size, without_effect
 from mrwarp.diagnose.residual_structure import Group, Leftover, groups_along, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, lacking_together
-from mrwarp.diagnose.search import Selection
+from mrwarp.diagnose.search import Selection, expected_in
 from mrwarp.identify.dataset import rms
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.by_evidence import Found, searched_by_evidence
@@ -30,11 +30,15 @@ class JointPlant:
     def __init__(self, models: Models, screened: Sequence[Candidate]) -> None:
         self.models, self.problem, self.base = models, models.problem, models.base
         self.effects = [candidate.effect for candidate in screened]
-        self.causes, self.without = models.added, models.without
+        self.without, self.expected = models.without, expected_in(models.problem)
         self.groups: list[Group] = [group for group in groups_along(self.problem, self.base) if len(group.rows)]
         rows = np.vstack([group.rows for group in self.groups])
         self.rows = (rows / np.sqrt((rows**2).mean(axis=1, keepdims=True))).astype(np.float32)
         self.group = np.repeat(np.arange(len(self.groups)), [len(group.rows) for group in self.groups])
+
+    def causes(self, fit: Fit) -> list[str]:
+        """The effects of a model beyond the baseline, but for one that takes the place of a term of eq. 14."""
+        return [effect for effect in self.models.added(fit) if effect != self.expected]
 
     @property
     def least(self) -> float:
