@@ -113,7 +113,7 @@ def test_the_alias_refuses_options_of_the_other_kind(data: Path, tmp_path: Path,
     (log / "log.json").write_text("{}")
     out = ["--out", str(tmp_path / "out")]
     joints = (["--model", "emps"], ["--predict", str(log)], ["--averaged", "0.01"], ["--impact"], ["--learn"])
-    robots = (["--live"], ["--policy", str(DEFAULT_POLICY)], ["--units", "q=deg"], ["--map", str(data)])
+    robots = (["--live"], ["--policy", str(DEFAULT_POLICY)], ["--units", "q=deg"])
     for path, options, said in (
         (log, joints, f" is for the recording of a joint; {log} is a robot's log: leave it out"),
         (data, robots, f": {data} is the recording of a joint, no robot's log; leave it out"),

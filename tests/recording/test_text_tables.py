@@ -40,7 +40,7 @@ TEXTS = {
 @pytest.mark.parametrize("name", ["a.csv", "a.txt", "a.dat"])
 @pytest.mark.parametrize("case", list(TEXTS))
 def test_tables_of_other_programs_are_read(tmp_path: Path, case: str, name: str) -> None:
-    """The same numbers, however they are separated; a note next to them is no recording."""
+    """Equal numbers, however they are separated; a note next to them is no recording."""
     (tmp_path / name).write_text(TEXTS[case], newline="")
     (tmp_path / "README.txt").write_text("Bench 4, recorded on day 3.\n1 2 3\n")
     (run,) = load_recording(tmp_path).trajectories
