@@ -15,8 +15,8 @@ from mrwarp.options.command_line import CommandLine
 class Diagnose(DiagnoseRobot, DiagnoseJoint):
     """Hand DATA over to 'mrwarp diagnose joint' or 'mrwarp diagnose robot', whose --help has their own options only.
 
-    Only a recording of a joint takes --model, --predict, --averaged, --impact, --learn, --bench and --without. Only a robot's log takes
-    --robot, --device, --policy, --live, --rrd and --units.
+    Only a recording of a joint takes --model, --predict, --averaged, --impact, --learn, --bench and --without.
+    Only a robot's log takes --robot, --device, --policy, --live, --rrd and --units.
     """
 
     after_verdict = (*DiagnoseJoint.after_verdict, *DiagnoseRobot.after_verdict)
