@@ -127,7 +127,7 @@ def test_fit_takes_the_tests_beside_the_data(
         assert (len(holding.current) if holding else 0) == (5 if what == "five.csv" else 0)
         raise Seen
 
-    monkeypatch.setattr("mrwarp.identify.fit.fit", fit)
+    monkeypatch.setattr("mrwarp.identify.mechanics_fit.fit_joint", fit)
     if what:
         (bench / "data/holding.csv").write_bytes((bench / what).read_bytes())
     with pytest.raises(Seen):

@@ -14,6 +14,7 @@ from mrwarp.devices.entry import FILE, Device, stated_part
 from mrwarp.model_file import FittedOn, Model, Parameter, load_model, save_model
 from mrwarp.options.json_file import read_json_file
 from mrwarp.params import MrParams
+from mrwarp.recording.blocks import in_blocks
 from mrwarp.recording.data import Recording, quantity
 from mrwarp.recording.load import RecordingError
 from mrwarp.run_dir import NOT_FINAL, is_not_final, plain, versions, write_text
@@ -74,7 +75,8 @@ def make_device(name: str, library: Path, results: Path, recording: Recording) -
     model = load_model(results / "model.json")
     runs = recording.trajectories
     read = result.get("data", result)
-    if (len(runs), str(recording.source)) != (read["trajectories"], str(read["source"])):
+    counts = {len(runs), len(in_blocks(recording).trajectories)}  # long runs are fitted in blocks
+    if read["trajectories"] not in counts or str(recording.source) != str(read["source"]):
         raise RecordingError(
             f"{recording.source}: has {len(runs)} runs, {results} was made of {read['trajectories']} of "
             f"{read['source']}; name that recording, from the same folder"

@@ -19,7 +19,11 @@ def path_lag_law(
     if length > 0.0:
         field = float(s.field)
         if s.begins == 0:
-            way = 0.5 * (wp.abs(s.qd) + wp.abs(s.qd_before)) * s.dt
+            before, after = s.qd_before, s.qd
+            # as in the path of the hysteresis: up to a reversal and after it, else a cubic
+            way = wp.abs(s.dt * (0.5 * (before + after) + s.dt / 12.0 * (s.qdd_before - s.qdd)))
+            if before * after < 0.0:
+                way = 0.5 * s.dt * (before * before + after * after) / (wp.abs(before) + wp.abs(after))
             field = s.field + (memory[line, slot] - s.field) * wp.exp(-way / length)
         memory[line, slot] = field
         s.field = field

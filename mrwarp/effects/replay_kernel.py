@@ -184,9 +184,9 @@ def make_replay_kernel(effects: bool) -> Any:
                     s.command = delayed(current_in, first, k, delay / dt)
                     s.command_before = delayed(current_in, first, before, delay / dt)
                 s.qd_before = qd_in[before]
-                s = current_path(s, values, row, memory_out, line)
                 s.qdd = qdd_in[k]
                 s.qdd_before = qdd_in[before]
+                s = current_path(s, values, row, memory_out, line)
                 s = motion_path(p, s, z, values, row, memory_out, line, law)
                 if thermal > 0.0:
                     s.heat = stored_heat(heat_in, k, thermal)

@@ -119,7 +119,7 @@ def gate_line(measured: dict[str, Any], gate: WalkingGate) -> str:
 
 def rules_line(measured: dict[str, Any], out: Path) -> str:
     """Which rules of a good gait a policy that walks does not keep yet, and how to go on; empty where it keeps all."""
-    if not measured["passed"] or not measured["rules_not_kept"]:
+    if not measured["passed"] or not measured.get("rules_not_kept"):
         return ""
     limits = {"sides": (100.0 * Rules().sides, "%"), "tilt_rms": (Rules().tilt_rms, "deg")}
     named = []

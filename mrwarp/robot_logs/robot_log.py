@@ -154,7 +154,7 @@ def load_log(path: Path, *, skip_bad: bool = False) -> RobotLog:
         try:
             table = read_table(file, ["t"], left, _known)
             left -= table.size
-            notes += [f"{file.name}: {table.cut}"] if table.cut else []
+            notes += [f"{file.name}: {note}" for note in table.notes]
             joints = joints or _joints_in(table)
             runs.append(_run(table, joints, units, header.get("base") == "fixed", notes))
         except RecordingError as error:

@@ -54,7 +54,6 @@ NOT_RUN = {
     "mrwarp reproduce docs": "writes into a checkout; tests/paper/reproduce/test_pages.py",
     "mrwarp mission --thermal --ambient": "minutes; tests/trials/test_thermal_mission.py",
     "mrwarp monitor": "reads records of others; tests/identify/test_monitor.py",
-    "mrwarp walk --sal on --policy runs/own/policy.onnx": "reads what a training of hours makes; tests/env",
     "git clone": "needs a network",
     "mrwarp robot": "reads a robot of others; tests/robots",
     "mrwarp train --robot": "reads what the command before it made; tests/robots",

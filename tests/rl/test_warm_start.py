@@ -98,9 +98,9 @@ def broken(flat: Path, folder: Path, what: str) -> Path:
 
 def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Path) -> None:
     """From the shipped policy: its actions to rounding, its statistics with their weight, little noise, no critic."""
-    plain = PpoCfg(symmetry=False)  # the shipped policy is not symmetric
+    plain = PpoCfg(symmetry=False)  # a symmetric critic is drawn in another way than it is taken over
     fresh = Trainer(replace(make_cfg(tmp_path / "fresh", payload=3), ppo=plain))
-    run = Trainer(make_cfg(tmp_path / "out", payload=3), start_from=DEFAULT_POLICY)
+    run = Trainer(replace(make_cfg(tmp_path / "out", payload=3), ppo=plain), start_from=DEFAULT_POLICY)
     policy, actor = OnnxPolicy(DEFAULT_POLICY), run.algorithm.actor
     with torch.no_grad():
         torch.testing.assert_close(actor(run.obs), policy(run.obs), rtol=1e-5, atol=1e-5)

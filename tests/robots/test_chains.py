@@ -46,11 +46,12 @@ def test_a_stale_keyframe_takes_no_legs(file: Callable[..., Path], what: str, sh
 
 
 def test_the_keyframe_in_which_it_stands_counts(file: Callable[..., Path]) -> None:
-    """One after a stale one is taken, by any name."""
+    """One after a stale one is taken, by any name, and the notes say which."""
     stale, other = key("0 2.2 -1.3", "0 -0.9 -1.5"), key("0 0.6 -1.2", "0 0.6 -1.2", name="up")
     both = stale.replace("</keyframe>", other.removeprefix("<keyframe>"))
     found = understand(read_robot(file(DOG, more=both)), Choices())
-    assert found.layout.neutral["FL_knee"] == -1.2 and not any("keyframe" in note for note in found.notes)
+    assert found.layout.neutral["FL_knee"] == -1.2
+    assert ["keyframe up of 2 is the stance" in note for note in found.notes if "keyframe" in note] == [True]
 
 
 def test_twins_off_the_ground_are_legs(file: Callable[..., Path]) -> None:
