@@ -68,7 +68,8 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(written: Written
     assert (cause["name"], cause["where"]) == ("link_mass", "lower")
     mass = cause["parameters"]["mass"]
     low, high = mass["ci95"]
-    assert low < 0.15 < high < low + 0.2 * 0.15  # all drives' torques and all masses are relative to each other
+    # all drives' torques and all masses are relative to each other, and healthy torques scatter by a tenth
+    assert low < 0.15 < high < low + 0.5 * 0.15
     assert result["sentence"] == f"lower: {mass['value']:.3g} kg heavier."
     robot = mujoco.MjModel.from_xml_path(str(written.folder / "out" / "robot.xml"))
     # the file holds six digits
