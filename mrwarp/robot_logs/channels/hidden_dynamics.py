@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -36,8 +36,8 @@ class Oscillator(NamedTuple):
 def behind(x: np.ndarray, dt: float, frequency: float) -> np.ndarray:
     """An oscillator of a natural frequency [Hz] that ``x``, (N, ...), drives, at rest at first; of gain 1."""
     w = 2.0 * np.pi * frequency
-    b, a, _ = cont2discrete(([w * w], [1.0, 2.0 * DAMPING * w, w * w]), dt, "foh")
-    return x[:1] + lfilter(b.ravel(), a, x - x[:1], axis=0)
+    found: Any = cont2discrete(([w * w], [1.0, 2.0 * DAMPING * w, w * w]), dt, "foh")  # SciPy types no single form
+    return x[:1] + lfilter(np.ravel(found[0]), np.ravel(found[1]), x - x[:1], axis=0)
 
 
 def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
