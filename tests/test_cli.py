@@ -128,7 +128,7 @@ REFUSED = [
     "train --out file", "play --policy none.onnx", "play --agent zero --device cuda:99", "impact --policy none.onnx",
     "impact --out file", "walk --policy-go1 none.onnx", "mission --model none.json", "fit none.csv", "fit . --out file",
     "diagnose none.csv", "diagnose . --predict none.csv", "learn none.csv --out o", "bench --policy none.onnx",
-    "perf --device cuda:99", "verify --policy none.onnx", "reproduce all --out file", "study collect --out file",
+    "perf --device cuda:99", "reproduce all --out file", "study collect --out file",
     "fit .", "diagnose .",
 ]  # fmt: skip
 """Paths and devices that are not there, an output folder that is a file, and a folder without recordings."""

@@ -40,7 +40,6 @@ SEEDED: dict[str, list[str]] = {
     "fit": ["data.csv"],
     "learn": ["data.csv", "--out", "out"],
     "bench": ["--out", "out"],
-    "verify": ["--out", "out"],
     "impact": ["--out", "out"],
     "diagnose": ["data.csv"],
     "play": ["--agent", "zero"],

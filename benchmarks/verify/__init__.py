@@ -1,1 +1,1 @@
-"""Physics checks that ``mrwarp verify`` shows."""
+"""Measurements of the simulator's physics, which ``tests/benchmarks/verify`` judges by limits."""

@@ -13,7 +13,6 @@ step began (the others). It falls with dt. The ledger closes when nothing else r
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -42,8 +41,6 @@ FREE_FALL, STANDING, WALKING = 0.4, 2.0, 4.0
 class LedgerRun:
     """Energies booked over a run; E robots."""
 
-    name: str
-    """Name of the run."""
     dt: float
     """Step [s]."""
     work: dict[str, np.ndarray]
@@ -57,16 +54,6 @@ class LedgerRun:
     def gap(self) -> np.ndarray:
         """Energy that no source explains [J], shape (E,)."""
         return self.kinetic - sum(self.work.values())
-
-    def figures(self) -> dict[str, Any]:
-        """Means over the robots [J], and the largest gap."""
-        return {
-            **{name: float(work.mean()) for name, work in self.work.items()},
-            "kinetic": float(self.kinetic.mean()),
-            "turnover": float(self.turnover.mean()),
-            "largest_gap": float(np.abs(self.gap).max()),
-            "largest_gap_share": float((np.abs(self.gap) / self.turnover).max()),
-        }
 
 
 class EnergyMeter:
@@ -105,11 +92,11 @@ class EnergyMeter:
             self._work[name] += value
         self._turnover += sum(np.abs(value) for value in work.values())
 
-    def run(self, name: str) -> LedgerRun:
+    def run(self) -> LedgerRun:
         """All that was booked so far."""
         work = {source: value.copy() for source, value in self._work.items()}
         kinetic = self._kinetic() - self._start
-        return LedgerRun(name=name, dt=self.robot.sim.dt, work=work, kinetic=kinetic, turnover=self._turnover.copy())
+        return LedgerRun(dt=self.robot.sim.dt, work=work, kinetic=kinetic, turnover=self._turnover.copy())
 
     def _book(self, env: int, before: np.ndarray) -> dict[str, float]:
         """Contact, limits, gravity and step of one robot's last step; moves its inertia and potential on."""
@@ -156,13 +143,6 @@ class EnergyMeter:
         return np.stack([entries[:, int(ledger.MOTOR)], devices])
 
 
-def ledger_runs(policy: Policy, *, seed: int) -> list[LedgerRun]:
-    """Every run at 5 ms with the constraint coupling, and walking at a quarter of it: what does the step cost?"""
-    in_the_air = [free_fall(moving=moving) for moving in (False, True)]
-    on_the_ground = [standing(lift=lift) for lift in (0.0, 0.3)]
-    return [*in_the_air, *on_the_ground, *(walking(policy, seed=seed, dt=dt) for dt in (DT, DT / 4.0))]
-
-
 def free_fall(*, dt: float = DT, moving: bool) -> LedgerRun:
     """The robot falls through the air, at rest in its stance or with legs on the move to random targets."""
     robot = standing_robot(lift=5.0, dt=dt, threads=1)
@@ -172,14 +152,14 @@ def free_fall(*, dt: float = DT, moving: bool) -> LedgerRun:
     robot.q_des.assign(targets.astype(np.float32))
     meter = EnergyMeter(robot)
     robot.step(round(FREE_FALL / dt))
-    return meter.run("free fall, legs moving" if moving else "free fall")
+    return meter.run()
 
 
 def standing(*, lift: float = 0.0, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
     """The robot sinks into its stance, or drops into it from ``lift`` [m]; one robot per current."""
     meter = EnergyMeter(standing_robot(coupling=coupling, lift=lift, dt=DT, threads=1))
     meter.robot.step(round(STANDING / DT))
-    return meter.run(f"dropped from {lift:g} m" if lift else "standing")
+    return meter.run()
 
 
 @torch.no_grad()
@@ -200,4 +180,4 @@ def walking(policy: Policy, *, seed: int, dt: float = DT) -> LedgerRun:
         obs, _, done, _ = env.step(policy(obs))
         if bool(done.any()):
             raise RuntimeError("a robot fell while its energy was booked; use a policy that walks")
-    return meter.run("walking" if dt == DT else f"walking in steps of {1e3 * dt:g} ms")
+    return meter.run()

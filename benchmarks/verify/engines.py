@@ -20,21 +20,17 @@ counted separately.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import torch
 import warp as wp
 
 from benchmarks.verify.rigs import mass_matrix, stance, standing_robot
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.config.sim_cfg import SimCfg
 from mrwarp.env.sim import ActuatedSim, Sim, robot_scene
 from mrwarp.env.sim_model import Scene
-from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import DEFAULT_Q
 
 EPS32 = 2.0**-24
@@ -78,25 +74,8 @@ class Agreement:
     """Largest |d qpos| [m, rad] and |d qvel| [m/s, rad/s] after each step, shape (STEPS, 2)."""
     tolerance: np.ndarray
     """Their a-priori tolerances, shape (STEPS, 2)."""
-    amplification: list[float]
-    """A_q [s] and A_v [1]."""
-    condition: float
-    """kappa(M)."""
     foot_force: float
     """Largest foot force [N]."""
-
-    def figures(self) -> dict[str, Any]:
-        """The plain numbers."""
-        found: dict[str, Any] = {}
-        for kind, values in (("", self.difference), ("tolerance_", self.tolerance)):
-            for when, row in (("1_step", values[0]), ("100_ms", values[-1])):
-                found[f"{kind or 'after_'}{when}"] = dict(zip(("qpos", "qvel"), row.tolist(), strict=True))
-        return {
-            **found,
-            "amplification": self.amplification,
-            "condition": self.condition,
-            "foot_force": self.foot_force,
-        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,30 +96,6 @@ class StateAgreement:
     """Contacts per state, shape (N,)."""
     limits: np.ndarray
     """Joints at their limits per state, shape (N,)."""
-
-    @property
-    def worst(self) -> dict[str, float]:
-        """Largest difference by quantity, over states without a steep capsule."""
-        return {name: float(values[~self.steep].max()) for name, values in self.difference.items()}
-
-    @property
-    def share(self) -> float:
-        """Largest velocity difference as a share of its tolerance, over the same states."""
-        return float((self.difference["qvel"] / self.tolerance)[~self.steep].max())
-
-    def figures(self) -> dict[str, Any]:
-        """The plain numbers."""
-        return {
-            "states": len(self.steep),
-            "touching": int((self.contacts > 0).sum()),
-            "at_limits": int((self.limits > 0).sum()),
-            "largest_difference": self.worst,
-            "median_difference": {n: float(np.median(v[~self.steep])) for n, v in self.difference.items()},
-            "largest_value": {name: float(values.max()) for name, values in self.size.items()},
-            "share_of_tolerance": self.share,
-            "steep_capsules": int(self.steep.sum()),
-            "largest_difference_steep": {n: float(v[self.steep].max(initial=0.0)) for n, v in self.difference.items()},
-        }
 
 
 def agreement(*, seed: int) -> list[Agreement]:
@@ -204,8 +159,6 @@ def _compare_run(
         name=name,
         difference=difference,
         tolerance=amplification * velocity_errors + np.stack([np.cumsum(added[:, 0]), np.zeros(STEPS)], axis=1),
-        amplification=amplification.tolist(),
-        condition=condition,
         foot_force=force,
     )
 
@@ -333,33 +286,6 @@ def alone_equals_batch(backend: BackendKind) -> float:
         for name, value in _everything(alone).items():
             worst = max(worst, float(np.abs(value[0].astype(np.float64) - together[name][env]).max(initial=0.0)))
     return worst
-
-
-@torch.no_grad()
-def same_at_any_thread_count(*, seed: int) -> bool:
-    """Whether 200 policy steps of random actions give the same bits at one and two threads (``mjbatch``)."""
-    runs, num_envs = [], 16
-    for threads in (1, 2):
-        cfg = TaskCfg(num_envs=num_envs, seed=seed, threads=threads)
-        env, generator = WalkEnv(replace(cfg, episode_seconds=2.0)), torch.Generator().manual_seed(seed)
-        history = []
-        for _ in range(200):
-            obs, reward, done, _ = env.step(torch.randn(num_envs, env.num_actions, generator=generator))
-            history.append(torch.cat([obs["actor"], obs["critic"], reward[:, None], done[:, None].float()], dim=1))
-        runs.append(torch.stack(history))
-    return torch.equal(*runs)
-
-
-def bit_figures(*, seed: int) -> dict[str, Any]:
-    """All questions of sameness, answered."""
-    captured = captured_equals_eager()
-    alone = {kind.value: alone_equals_batch(kind) for kind in BackendKind}
-    threads = same_at_any_thread_count(seed=seed)
-    return {
-        "captured_equals_eager": {str(count): same for count, same in captured.items()},
-        "alone_minus_batch": alone,
-        "same_at_1_and_2_threads": threads,
-    }
 
 
 def _landing(robot: ActuatedSim) -> np.ndarray:

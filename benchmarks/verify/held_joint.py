@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -27,7 +26,6 @@ from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_bench
-from mrwarp.usd.robot import LEGS
 
 DT = 0.005
 """Physics step [s]."""
@@ -64,32 +62,12 @@ SETTLE, STANDING = 0.1, 1.0
 class HoldRun:
     """One loaded joint: creep at two loads, break-away on a ramp."""
 
-    name: str
-    """The joint."""
-    brake: bool
-    """Whether its friction is the brake constraint, or MuJoCo's default."""
-    backend: BackendKind
-    """The engine."""
-    inertia: float
-    """Inertia of the joint [kg·m^2]."""
     creep: list[float]
     """Creep under LOADS [rad/s]."""
     breakaway: float
     """Load at which the joint starts to move, share of tau_y; one end of RAMP if it always moved or never."""
-    ramp: np.ndarray
-    """Load of the ramp [share of tau_y] and speed [rad/s], shape (T, 2)."""
     unsolved: int
     """Steps that did not converge."""
-
-    @property
-    def label(self) -> str:
-        """Joint, engine and friction settings."""
-        return f"{self.name}, {self.backend.value}{'' if self.brake else ', default friction'}"
-
-    def figures(self) -> dict[str, Any]:
-        """The plain numbers."""
-        names = ("inertia", "creep", "breakaway", "unsolved")
-        return {name: getattr(self, name) for name in names}
 
 
 def calf_rig(*, brake: bool = True) -> Scene:
@@ -105,11 +83,10 @@ def bench_rig(*, brake: bool = True) -> Scene:
     return build_scene(load_bench(), dt=DT, coupling=coupling, ground=False)
 
 
-def hold(name: str, scene: Scene, backend: BackendKind, *, brake: bool = True) -> HoldRun:
+def hold(scene: Scene, backend: BackendKind, *, brake: bool = True) -> HoldRun:
     """Load a held joint: two environments at LOADS, a third on the ramp.
 
     Args:
-        name: Name of the joint.
         scene: A rig with one MR joint and no weight.
         backend: The engine.
         brake: Whether the scene has the brake constraint. Without it the joint creeps faster than the holding gate
@@ -137,13 +114,8 @@ def hold(name: str, scene: Scene, backend: BackendKind, *, brake: bool = True) -
         ramp[step] = load[step, 2], robot.sim.qd.numpy()[2, 0]
     moving = np.flatnonzero(np.abs(ramp[:, 1]) > MOVING)
     return HoldRun(
-        name=name,
-        brake=brake,
-        backend=backend,
-        inertia=joint_inertia(scene, scene.joints[0]),
         creep=((q[-1] - q[settle - 1]) / (steps * DT))[:2].tolist(),
         breakaway=float(ramp[moving[0] if moving.size else -1, 0]),
-        ramp=ramp[settle:],
         unsolved=int(robot.sim.unsolved.numpy().sum()),
     )
 
@@ -154,18 +126,12 @@ class StandRun:
 
     backend: BackendKind
     """The engine."""
-    ls_iterations: int
-    """Line-search iterations of the solver."""
-    stiff_feet: bool
-    """Whether the feet's friction cones were stiffened."""
     calf: np.ndarray
     """Calf angles after the motors were switched off [rad], shape (T, 4)."""
     height: np.ndarray
     """Trunk height [m], shape (T,)."""
     torque: np.ndarray
     """Mean brake torques [N·m], shape (4,)."""
-    foot_slip: float
-    """Largest distance a foot moved over the ground [m]."""
     unsolved: int
     """Steps that did not converge."""
 
@@ -183,20 +149,6 @@ class StandRun:
         """
         rounding = len(self.calf) * ANGLE_ULP / 2.0 if self.backend is BackendKind.MJWARP else ANGLE_ULP
         return 0.01 * self.expected_drift + rounding
-
-    def figures(self) -> dict[str, Any]:
-        """The plain numbers."""
-        drift = np.abs(self.calf - self.calf[0]).max(axis=0)
-        return {
-            "seconds": len(self.calf) * DT,
-            "calf_drift": dict(zip(LEGS, drift.tolist(), strict=True)),
-            "calf_drift_max": float(drift.max()),
-            "torque": dict(zip(LEGS, self.torque.tolist(), strict=True)),
-            "height_start": float(self.height[0]),
-            "height_end": float(self.height[-1]),
-            "foot_slip": self.foot_slip,
-            "unsolved": self.unsolved,
-        }
 
 
 def stand_on_brakes(
@@ -225,7 +177,7 @@ def stand_on_brakes(
         robot.step()
     for name, value in MOTORLESS.items():
         robot.actuator.set_param(name, value)
-    calves, sim, before = list(robot.actuator.mr_joints), robot.sim, _feet(robot)
+    calves, sim = list(robot.actuator.mr_joints), robot.sim
     calf, height, torque = [], [], []
     for _ in range(round(seconds / DT)):
         robot.step()
@@ -234,50 +186,8 @@ def stand_on_brakes(
         torque.append(sim.friction.numpy()[0, calves].astype(np.float64))
     return StandRun(
         backend=backend,
-        ls_iterations=ls_iterations,
-        stiff_feet=stiff_feet,
         calf=np.array(calf),
         height=np.array(height),
         torque=np.mean(torque, axis=0),
-        foot_slip=float(np.linalg.norm((_feet(robot) - before)[:, :2], axis=1).max()),
         unsolved=int(sim.unsolved.numpy().sum()),
     )
-
-
-def hold_runs() -> list[HoldRun]:
-    """Both joints on both engines, then with MuJoCo's default friction settings."""
-    rigs = {"calf": calf_rig, "bench": bench_rig}
-    runs = [hold(name, rig(), backend) for name, rig in rigs.items() for backend in BackendKind]
-    return runs + [hold(name, rig(brake=False), BackendKind.MJBATCH, brake=False) for name, rig in rigs.items()]
-
-
-def stand_runs() -> list[StandRun]:
-    """The robot on its brakes for 10 s: both engines, then on stiff feet."""
-    runs = [stand_on_brakes(backend) for backend in BackendKind]
-    return [*runs, stand_on_brakes(BackendKind.MJBATCH, stiff_feet=True)]
-
-
-def line_search_trap() -> list[StandRun]:
-    """The robot on its brakes for 2 s with few to enough line-search iterations; ``unsolved`` must separate them."""
-    counts = (3, 10, 20, 30, 50)
-    return [stand_on_brakes(BackendKind.MJBATCH, seconds=2.0, ls_iterations=count) for count in counts]
-
-
-def holding_figures(holds: list[HoldRun], stands: list[StandRun], trap: list[StandRun]) -> dict[str, Any]:
-    """Figures of all runs."""
-    return {
-        "tau_y": yield_torque(MrParams(), CURRENT),
-        "joints": {run.label: run.figures() for run in holds},
-        "standing": {f"{run.backend.value}{', stiff feet' if run.stiff_feet else ''}": run.figures() for run in stands},
-        "line_search": {str(run.ls_iterations): run.figures() for run in trap},
-    }
-
-
-def _feet(robot: ActuatedSim) -> np.ndarray:
-    """Positions of the feet in the first environment [m], shape (4, 3)."""
-    model = robot.sim.scene.model
-    data = mujoco.MjData(model)
-    data.qpos[:] = robot.sim.backend.field("qpos").numpy()[0]
-    mujoco.mj_kinematics(model, data)
-    names = [model.geom(i).name for i in range(model.ngeom)]
-    return np.array([data.geom_xpos[[i for i, n in enumerate(names) if f"/{leg}_foot" in n][0]] for leg in LEGS])

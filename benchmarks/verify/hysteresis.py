@@ -8,7 +8,7 @@ eq. 15 depends on the path alone and has a closed form. The test of this module 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from scipy.optimize import brentq
@@ -184,11 +184,6 @@ class Hysteresis:
     def order(self, method: str) -> float:
         """Observed order of convergence over all steps."""
         return float(convergence_order(STEPS, self.rms[method]))
-
-    def figures(self) -> dict[str, Any]:
-        """The plain numbers."""
-        order = {method: self.order(method) for method in METHODS}
-        return {"steps": list(STEPS), "torque": self.size, "rms": self.rms, "largest": self.largest, "order": order}
 
 
 def hysteresis(*, seed: int, num_runs: int = 64) -> Hysteresis:

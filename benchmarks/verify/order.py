@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -45,15 +44,6 @@ class Order:
     def order(self) -> np.ndarray:
         """Observed order of convergence: positions, velocities."""
         return convergence_order(STEPS, self.rms)
-
-    def figures(self) -> dict[str, Any]:
-        """The plain numbers."""
-        return {
-            "steps": list(STEPS),
-            "rms_qpos_qvel": self.rms.tolist(),
-            "order": self.order.tolist(),
-            "reference_error": self.reference_error.tolist(),
-        }
 
 
 def orders(*, seed: int) -> list[Order]:

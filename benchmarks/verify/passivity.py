@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -42,14 +41,8 @@ is 7e-10 J in float32 and 2e-27 J in float64; 1e-15 J leaves room for the roundi
 class PassivityRun:
     """One run of a rig whose devices were metered."""
 
-    name: str
-    """Name of the run."""
-    coupling: Coupling
-    """How the devices acted."""
     backend: BackendKind
     """The engine."""
-    dt: float
-    """Step [s]."""
     q: np.ndarray
     """Angle of the first MR joint after each step [rad], shape (T,)."""
     work: np.ndarray
@@ -68,12 +61,12 @@ def falling_link(coupling: Coupling) -> PassivityRun:
     cfg = SimCfg(num_envs=1, dt=DT, keep_data=True)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, sal=False))
     robot.reset(None, qvel=wp.array([[FALLING_SPEED]], dtype=float, device="cpu"))
-    return _run(f"falling link, {LEVEL:g} N·m", robot, round(0.6 / DT))
+    return _run(robot, round(0.6 / DT))
 
 
 def dropped_robot(coupling: Coupling, *, backend: BackendKind = BackendKind.MJBATCH) -> PassivityRun:
     """The robot falls on its feet from 0.3 m: one environment per current of eq. 20, 1 s."""
-    return _run("robot dropped from 0.3 m", standing_robot(coupling=coupling, lift=0.3, backend=backend), round(1 / DT))
+    return _run(standing_robot(coupling=coupling, lift=0.3, backend=backend), round(1 / DT))
 
 
 @torch.no_grad()
@@ -105,44 +98,21 @@ def walking_robot(
         obs, _, _, _ = env.step(action)
         falls += int(env.fallen.sum())
         angles.append(float(env.q[0, env.actuator.mr_joints[0]]))
-    name = "walking with the policy" if policy is not None else "standing, random joint targets"
-    return _result(name, meter, np.repeat(angles, env.cfg.decimation), {"falls": float(falls)})
+    return _result(meter, np.repeat(angles, env.cfg.decimation), {"falls": float(falls)})
 
 
-def passivity(*, seed: int, policy: Policy | None) -> list[PassivityRun]:
-    """All rigs with both couplings, and the robot once more on MuJoCo-Warp with the constraint."""
-    runs = []
-    for coupling in (Coupling.CONSTRAINT, Coupling.EXPLICIT):
-        walked = walking_robot(coupling, policy=policy, seconds=20.0, seed=seed)
-        runs += [falling_link(coupling), dropped_robot(coupling), walked]
-    engine, coupling = BackendKind.MJWARP, Coupling.CONSTRAINT
-    walked = walking_robot(coupling, policy=policy, seconds=5.0, seed=seed, backend=engine)
-    return [*runs, dropped_robot(coupling, backend=engine), walked]
-
-
-def passivity_figures(runs: list[PassivityRun]) -> dict[str, Any]:
-    """Figures by rig, then by coupling and engine."""
-    figures: dict[str, Any] = {}
-    for run in runs:
-        figures.setdefault(run.name, {})[f"{run.coupling.value}, {run.backend.value}"] = run.figures
-    return figures
-
-
-def _run(name: str, robot: ActuatedSim, steps: int) -> PassivityRun:
+def _run(robot: ActuatedSim, steps: int) -> PassivityRun:
     meter, joint, angles = WorkMeter(robot), robot.actuator.mr_joints[0], []
     for _ in range(steps):
         robot.step()
         angles.append(float(robot.sim.q.numpy()[-1, joint]))
-    return _result(name, meter, np.array(angles), {"ledger_gap": meter.ledger_gap()})
+    return _result(meter, np.array(angles), {"ledger_gap": meter.ledger_gap()})
 
 
-def _result(name: str, meter: WorkMeter, q: np.ndarray, more: dict[str, float]) -> PassivityRun:
-    sim, coupling = meter.robot.sim, meter.robot.actuator.cfg.coupling
+def _result(meter: WorkMeter, q: np.ndarray, more: dict[str, float]) -> PassivityRun:
+    sim = meter.robot.sim
     return PassivityRun(
-        name=name,
-        coupling=coupling,
         backend=sim.backend.kind,
-        dt=sim.dt,
         q=q,
         work=np.array(meter.work),
         figures={**meter.figures(), **more},

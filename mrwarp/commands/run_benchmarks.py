@@ -1,11 +1,11 @@
-"""``mrwarp verify`` and ``mrwarp perf``: what the simulator promises, and what it costs, by the code of a checkout."""
+"""``mrwarp perf``: what the simulator costs, by the code of a checkout."""
 
 from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
@@ -15,44 +15,13 @@ PARTS = ("walking", "joint", "lstm", "training")
 """Options of ``mrwarp perf``."""
 
 
-class Benchmark(Options):
-    """A command whose code is not in the package."""
-
-    module: ClassVar[str]
-    """Module that does the work by its ``run(options, line)``."""
-
-    def run(self, line: CommandLine) -> int:
-        """0 done, 1 measured but missed, 2 on bad input, as without a checkout."""
-        try:
-            work = importlib.import_module(self.module)
-        except ModuleNotFoundError as error:
-            if not (error.name or "").startswith("benchmarks"):
-                raise
-            raise ValueError("is part of a checkout, not of what is installed; run it in one") from None
-        return work.run(self, line)
-
-
 @dataclass(frozen=True, kw_only=True)
-class Verify(Benchmark):
-    """Run all physics checks; 0 when every limit holds, 1 when one is missed, 2 on bad input."""
-
-    module = "benchmarks.verify.verify_cli"
-    out: opt.Folder = Path("runs/verify")
-    """output folder"""
-    policy: opt.OptionalFile = None
-    """exported policy for the walking checks (.onnx)"""
-    seed: opt.Seed = 0
-    """seed of random states"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Perf(Benchmark):
+class Perf(Options):
     """Time physics, joints, environment and training, walking.
 
     Exit code 0 done, 1 a ratio regressed (--compare), 2 bad input.
     """
 
-    module = "benchmarks.perf.perf_cli"
     out: opt.Folder = Path("runs/perf")
     """output folder"""
     num_envs: Annotated[tuple[int, ...] | None, opt.some(opt.count, "N")] = None
@@ -75,3 +44,13 @@ class Perf(Benchmark):
     """policy that walks"""
     compare: opt.OptionalFile = None
     """earlier result; exit with 1 if a ratio got worse"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 1 measured but missed, 2 on bad input, as without a checkout."""
+        try:
+            work = importlib.import_module("benchmarks.perf.perf_cli")
+        except ModuleNotFoundError as error:
+            if not (error.name or "").startswith("benchmarks"):
+                raise
+            raise ValueError("is part of a checkout, not of what is installed; run it in one") from None
+        return work.run(self, line)

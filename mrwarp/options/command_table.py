@@ -47,6 +47,7 @@ STUDY = {
 }
 
 GONE = {
+    "mrwarp": {"verify": "docs/determinism.md: its checks are tests"},
     "study": {
         **{name: f"mrwarp reproduce {name}" for name in ("table2", "table3", "fig5")},
         "causes": "a table of 'mrwarp reproduce table2'",
@@ -121,7 +122,6 @@ COMMANDS: dict[str, Command | Group] = {
     "perf": Command("run_benchmarks:Perf", "what a step costs, part by part, and whether that got worse"),
     "asset": Group("show, check, change and compare USD assets", ASSET),
     "robot": Group("bring a robot of your own, and put devices onto its joints", ROBOT),
-    "verify": Command("run_benchmarks:Verify", "measure what the simulator promises: passivity, holding, accuracy"),
 }
 """Commands by name."""
 

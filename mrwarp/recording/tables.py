@@ -36,8 +36,8 @@ MAX_BYTES = 2**29
 _HEAD = 2**20
 """Bytes in which the header and the names of a text's columns stand."""
 
-_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
-"""A unit in brackets."""
+_UNIT = re.compile(r"[\[(]([^\[(\])]*)[\])]")
+"""A unit in the innermost brackets, so that brackets that never close take no time."""
 
 _ALIASES = {
     "t": ("time", "timestamp", "zeit"),
@@ -355,7 +355,7 @@ def _unit_in(column: str, name: str) -> str:
     last = re.split(r"[_\s]", column)[-1]
     found = _UNIT.search(column)
     if found:
-        return found[1] if re.search(r"[^\W\d]|[°%]", found[1]) else ""
+        return found[1].strip() if re.search(r"[^\W\d]|[°%]", found[1]) else ""
     return last if last != column and last in CONVERSIONS[name] else ""
 
 

@@ -41,7 +41,6 @@ NOT_RUN = {
     "mrwarp diagnose robot my_dataset": "reads a data set of others; tests/robot_logs",
     "mrwarp check runs/go2": "reads what the command before it made; tests/robot_logs",
     "rerun": "opens a window",
-    "mrwarp verify": "minutes; tests/benchmarks/verify",
     "mrwarp perf": "minutes; tests/benchmarks/perf",
     "mrwarp sweep": "minutes of trainings; tests/sweep",
     "mrwarp study train": "hours; tests/study",

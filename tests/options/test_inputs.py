@@ -29,7 +29,6 @@ MISSPELT = {
     "reproduce": "all --policy-aware none.onnx",
     "bench": "--asset none.usda",
     "perf": "--compare none.json",
-    "verify": "--policy none.onnx",
     "replay-dump": "none.safetensors",
     "sweep": "--out o --command fit --grid seed=0,1 -- none",
     "study train": "--start-from none",

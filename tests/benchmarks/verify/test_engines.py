@@ -12,7 +12,6 @@ from benchmarks.verify.engines import (
     agreement,
     alone_equals_batch,
     captured_equals_eager,
-    same_at_any_thread_count,
     state_agreement,
 )
 from mrwarp import paper
@@ -68,11 +67,6 @@ def test_engines_captured_step_equals_eager():
 def test_engines_environment_alone_equals_batch(kind):
     """Environment k of a batch of three foot-falls with different currents is bit-equal to the same one alone."""
     assert alone_equals_batch(kind) == 0.0
-
-
-def test_engines_same_bits_at_any_thread_count():
-    """200 policy steps of random actions, falls and resets included: same seed, same bits with one and two threads."""
-    assert same_at_any_thread_count(seed=7)
 
 
 def test_engines_differences_are_finite(compared):

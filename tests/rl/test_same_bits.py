@@ -1,46 +1,90 @@
-"""Same seed, same bits: the short version of ``benchmarks.determinism``."""
+"""Same seed, same bits: simulation and training on any number of threads, in any process."""
 
 import ast
+import contextlib
 import math
+import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 import warp as wp
 
-from benchmarks import determinism
-from benchmarks.determinism import differing, in_processes, simulate, train
 from mrwarp.env.backend import BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.config.sim_cfg import SimCfg
 from mrwarp.env.sim import Sim, robot_scene
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.rl import checkpoint
+from mrwarp.rl.train_cfg import RunCfg, TrainCfg
+from mrwarp.rl.trainer import Trainer
 from mrwarp.runtime import repeating_torch
+from tests.rl.test_trainer import assert_same_bits, without_times
 
 ROOT = Path(__file__).parents[2]
+
+
+@torch.no_grad()
+def simulate(*, steps: int, seed: int = 7, **cfg: Any) -> dict[str, Any]:
+    """Random actions, randomised robots, noise, kicks, falls, time-outs: all on the way, and the state at the end."""
+    env, generator = WalkEnv(TaskCfg(seed=seed, **cfg)), torch.Generator().manual_seed(seed)
+    way, ended = [], 0
+    for _ in range(steps):
+        obs, reward, done, _ = env.step(torch.randn(env.num_envs, env.num_actions, generator=generator))
+        way.append(torch.cat([obs["actor"], obs["critic"], reward[:, None], done[:, None].float()], dim=1))
+        ended += int(done.sum())
+    return {"way": torch.stack(way), "state": env.state(), "ended": ended}
+
+
+def train(
+    out: Path, *, threads: int, torch_threads: int, num_envs: int = 64, updates: int = 2, seed: int = 5
+) -> dict[str, Any]:
+    """Checkpoint of a short training without its gate check, where torch is left with ``torch_threads``."""
+    task = TaskCfg(num_envs=num_envs, threads=threads, seed=seed)
+    before = torch.get_num_threads()
+    torch.set_num_threads(torch_threads)
+    try:
+        trainer: Any = Trainer(TrainCfg(task=task, run=RunCfg(out=out, iterations=updates, no_gate=True)))
+        trainer._check_gate = lambda _: None
+        trainer._finish = lambda: {"rows": trainer.progress.rows}
+        with open(os.devnull, "w") as null, contextlib.redirect_stdout(null):
+            trainer.run()
+        content = checkpoint.load(trainer.save())
+    finally:
+        torch.set_num_threads(before)
+    timed = {name: without_times(content[name]) for name in ("rows", "window")}
+    return {name: value for name, value in content.items() if name not in ("seconds", "task")} | timed
 
 
 def test_simulation_is_the_same_at_1_2_and_3_threads() -> None:
     """24 robots, kicks, noise and falls included, on more threads than cores too; another seed gives other bits."""
     runs = [simulate(threads=threads, num_envs=24, steps=100) for threads in (1, 2, 3)]
-    assert differing(runs) == []
-    assert int(runs[0]["ended"]) > 10
+    for run in runs[1:]:
+        assert_same_bits(run, runs[0])
+    assert runs[0]["ended"] > 10
     other = simulate(threads=1, num_envs=24, steps=100, seed=8)
-    assert differing([runs[0], other]) == ["way", "state", "ended"]
+    assert not torch.equal(other["way"], runs[0]["way"])
 
 
 def test_training_is_the_same_at_any_thread_counts(tmp_path: Path) -> None:
     """64 robots, 2 updates: networks, optimiser, normalisers, draws, environment and log, bit by bit."""
-    runs = [train(tmp_path / f"{a}-{b}", threads=a, torch_threads=b, updates=2) for a, b in ((1, 1), (2, 1), (3, 2))]
-    assert differing(runs) == []
-    other = train(tmp_path / "other", threads=1, torch_threads=1, updates=2, seed=6)
-    assert set(differing([runs[0], other])) == set(runs[0])
+    runs = [train(tmp_path / f"{a}-{b}", threads=a, torch_threads=b) for a, b in ((1, 1), (3, 2))]
+    assert_same_bits(runs[1], runs[0])
 
 
 @pytest.mark.slow
-def test_training_of_many_robots_does_not_depend_on_torch_threads(tmp_path: Path) -> None:
-    """704 robots make sums of more than 32,768 numbers, which torch would split among three threads of its own."""
-    runs = [train(tmp_path / str(n), threads=2, torch_threads=n, num_envs=704, updates=1) for n in (1, 3)]
-    assert differing(runs) == []
+def test_training_of_many_robots_is_the_same_in_any_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """704 robots make sums of more than 32,768 numbers, which torch would split among its threads; other hash seeds."""
+    runs = []
+    for number, torch_threads in enumerate((1, 3)):
+        monkeypatch.setenv("PYTHONHASHSEED", str(number))
+        settings: dict[str, Any] = {"threads": 2, "torch_threads": torch_threads, "num_envs": 704, "updates": 1}
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+            runs.append(process.submit(train, tmp_path / str(number), **settings).result())
+    assert_same_bits(runs[1], runs[0])
 
 
 def test_torch_does_split_large_sums() -> None:
@@ -62,26 +106,13 @@ def test_torch_does_split_large_sums() -> None:
     torch.testing.assert_close(found[0], found[1], rtol=0.0, atol=levels * float(numbers[0].abs().mean()))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", determinism.SIMULATIONS)
-def test_simulation_is_the_same_in_any_process(name: str) -> None:
-    """Fresh interpreters with other hash seeds: 64 robots, 200 steps, the learned torque, and MuJoCo-Warp."""
-    assert differing(in_processes("simulate", determinism.SIMULATIONS[name])) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", determinism.TRAININGS)
-def test_training_is_the_same_in_any_process(name: str) -> None:
-    """Fresh interpreters with other hash seeds and thread counts: 64 robots for 4 updates, 704 for one."""
-    assert differing(in_processes("train", determinism.TRAININGS[name])) == []
-
-
 def test_deterministic_changes_no_bit_on_the_cpu() -> None:
     """MuJoCo-Warp's CPU kernels run in order: the option is accepted, set, and gives the bits of a run without it."""
-    runs = [
-        simulate(threads=1, num_envs=8, steps=20, backend="mjwarp", deterministic=wanted) for wanted in (False, True)
-    ]
-    assert differing(runs) == []
+    first, second = (
+        simulate(threads=1, num_envs=8, steps=20, backend=BackendKind.MJWARP, deterministic=wanted)
+        for wanted in (False, True)
+    )
+    assert_same_bits(second, first)
 
 
 def test_deterministic_reaches_the_engine_that_has_it() -> None:
@@ -150,9 +181,3 @@ def test_kernels_sum_nothing_atomically() -> None:
             is_sum = isinstance(node, ast.Attribute) and node.attr.startswith("atomic_")
             found += [str(path.relative_to(ROOT))] if is_sum else []
     assert found == ["mrwarp/kernels/learned_torque.py"]
-
-
-def test_cost_times_both() -> None:
-    """One positive time each."""
-    times = determinism.cost("cpu", num_envs=2, rounds=1, steps=4)
-    assert list(times) == ["without", "with"] and min(times.values()) > 0.0
