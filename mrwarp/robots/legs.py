@@ -105,8 +105,8 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     own = {joint.name: foot for leg, foot in zip(legs, touching, strict=True) for joint in leg}
     check_rotors(robot, guessed, drives, own, pose)
     notes += rotor_notes(guessed)
-    damped = {name for name, drive in drives.items() if drive.gains_from == "file"}
-    if unread := left_over(robot.path, gains=damped):
+    damping = {j.name: j.kd for j in driven if j.kd and drives[j.name].gains_from != "file"}
+    if unread := left_over(robot.path, damping=damping):
         notes.append(Guess(subject=Subject.OMITTED, text=f"not carried: {unread}"))
     if legs:
         notes.append(Guess(subject=Subject.HOLDING, text=_holding(robot, touching, pose, drives)))

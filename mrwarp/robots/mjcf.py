@@ -25,7 +25,7 @@ from mrwarp.robots.foreign import (
     joined,
     prim_names,
 )
-from mrwarp.robots.guesses import Guess, Subject
+from mrwarp.robots.guesses import Guess, Subject, some
 from mrwarp.run_dir import one_line
 from mrwarp.runtime import silent
 
@@ -51,6 +51,11 @@ KINDS = {
 SPLIT = 1e-6
 """Share of a body's mass and inertia that each link has which is put between two of its joints: less than the numbers
 of a written robot are exact to, and enough for a body."""
+
+UNEVEN = "ranges of actuators that are not symmetric were taken as such, by their larger end"
+
+EQUAL = 1e-9
+"""Share of a number that is rounding."""
 
 STANCES = ("home", "stand", "standing", "default")
 """Names of keyframes that are a stance, tried before others."""
@@ -273,50 +278,74 @@ class _Compiled:
         )
 
     def _actuators(self, joints: dict[int, Joint]) -> Iterator[str]:
-        """Take gains and torque limits from the actuators."""
-        model, others, dc, uneven, rates = self.model, [], [], [], []
+        """Take gains and torque limits from the actuators; notes on what of them is left out."""
+        model, others, left = self.model, [], {}
+        for j, joint in joints.items():
+            low, high = model.jnt_actfrcrange[j]
+            if model.jnt_actfrclimited[j] and _uneven(low, high):
+                left.setdefault(UNEVEN, []).append(f"{low:g} to {high:g} of {joint.name}")
         for k in range(model.nu):
             joint = joints.get(int(model.actuator_trnid[k, 0]))
             if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
                 others.append(model.actuator(k).name or f"actuator_{k}")
                 continue
+            for kind, text in self._left_of(k, joint):
+                left.setdefault(kind, []).append(f"{text} of {joint.name}")
             gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
             affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+            joint.armature += float(model.actuator_armature[k]) * gear**2
             if model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_DCMOTOR:
                 resistance, constant = (float(x) for x in model.actuator_gainprm[k, :2])
                 volts = float(np.abs(model.actuator_ctrlrange[k]).max()) if model.actuator_ctrllimited[k] else 0.0
                 joint.torque_limit = volts * constant / resistance * gear or joint.torque_limit
-                brake = constant**2 / resistance * gear**2
-                dc.append(f"{brake:.3g} N·m·s/rad at {joint.name}")
-                joint.armature += float(model.actuator_armature[k]) * gear**2
                 continue
-            stiff, damped = affine and bias[1] < 0.0, affine and bias[2] < 0.0
-            if stiff:
+            if affine and bias[1] < 0.0:
                 joint.kp = float(-bias[1]) * gear**2
-            if damped and not stiff:
-                rates.append(f"{float(-bias[2]) * gear**2:.3g} N·m·s/rad at {joint.name}")
-            elif damped:
-                joint.kd = (joint.kd or 0.0) + float(-bias[2]) * gear**2
-            joint.armature += float(model.actuator_armature[k]) * gear**2
-            limit = None
-            ranges = model.actuator_forcerange[k] if model.actuator_forcelimited[k] else model.actuator_ctrlrange[k]
-            if (model.actuator_forcelimited[k] or not affine) and abs(ranges.sum()) > 1e-9 * np.abs(ranges).max():
-                uneven.append(f"{ranges[0]:g} to {ranges[1]:g} of {joint.name}")
+                if bias[2] < 0.0:
+                    joint.kd = (joint.kd or 0.0) + float(-bias[2]) * gear**2
+            limits = [joint.torque_limit] if joint.torque_limit else []
             if model.actuator_forcelimited[k]:
-                limit = float(np.abs(model.actuator_forcerange[k]).max()) * gear
-            elif model.actuator_ctrllimited[k] and not affine:
-                limit = float(np.abs(model.actuator_ctrlrange[k]).max() * abs(model.actuator_gainprm[k, 0])) * gear
-            if limit is not None:
-                joint.torque_limit = min(limit, joint.torque_limit or limit)
-        for names, text in (
-            (dc, "the back-EMF of DC motors was left out"),
-            (rates, "the gains of velocity actuators were left out"),
-            (uneven, "ranges of actuators that are not symmetric were taken as such, by their larger end"),
-        ):
-            if names:
-                yield f"{text}: {', '.join(names)}"
+                limits.append(float(np.abs(model.actuator_forcerange[k]).max()) * gear)
+            if model.actuator_ctrllimited[k] and not affine:
+                most = float(np.abs(model.actuator_ctrlrange[k]).max())
+                limits.append(most * abs(float(model.actuator_gainprm[k, 0])) * gear)
+            joint.torque_limit = min(limits) if limits else None
+        yield from (f"{text}: {', '.join(names)}" for text, names in left.items())
         if others:
             yield f"actuators of tendons and sites were left out: {', '.join(others[:4])}"
+
+    def _left_of(self, k: int, joint: Joint) -> Iterator[tuple[str, str]]:
+        """Parts of a joint's actuator that no drive has, by kind, each with its value."""
+        model, gear = self.model, float(self.model.actuator_gear[k, 0])
+        bias, gain = (x[k] for x in (model.actuator_biasprm, model.actuator_gainprm))
+        if model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_DCMOTOR:
+            yield "the back-EMF of DC motors was left out", f"{gain[1] ** 2 / gain[0] * gear**2:.3g} N·m·s/rad"
+            return
+        affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+        servo = affine and bias[1] < 0.0
+        if affine and not servo and bias[2]:
+            yield "the gains of velocity actuators were left out", f"{-bias[2] * gear**2:.3g} N·m·s/rad"
+        if affine and bias[0]:
+            yield "constant torques of actuators were left out", f"{bias[0] * gear:.3g} N·m"
+        if servo and abs(gain[0] + bias[1]) > EQUAL * abs(bias[1]):
+            yield "commands of servos were taken as angles", f"{gain[0]:.4g} for a command, {-bias[1]:.4g} for an angle"
+        if affine and (bias[1] > 0.0 or (servo and bias[2] > 0.0)):
+            yield "gains that drive away were left out", f"{bias[1]:.3g} and {bias[2]:.3g}"
+        own, plain = mujoco.mjtGain(model.actuator_gaintype[k]), mujoco.mjtBias(model.actuator_biastype[k])
+        if own != mujoco.mjtGain.mjGAIN_FIXED or plain not in (
+            mujoco.mjtBias.mjBIAS_NONE,
+            mujoco.mjtBias.mjBIAS_AFFINE,
+        ):
+            names = " and ".join(kind.name.removeprefix("mj").lower() for kind in (own, plain))
+            yield "laws of actuators were left out", names
+        low, high = model.actuator_ctrlrange[k]
+        if affine and model.actuator_ctrllimited[k] and not np.allclose((low, high), joint.limits or np.nan):
+            yield "ranges of commands were left out", f"{low:g} to {high:g}"
+        if not affine and model.actuator_ctrllimited[k] and _uneven(low, high):
+            yield UNEVEN, f"{low:g} to {high:g}"
+        low, high = model.actuator_forcerange[k]
+        if model.actuator_forcelimited[k] and _uneven(low, high):
+            yield UNEVEN, f"{low:g} to {high:g}"
 
     def _keyframes(self, joints: dict[int, Joint]) -> list[Keyframe]:
         """The file's keyframes, first the one that is called a stance; its angles are the joints' home."""
@@ -341,10 +370,13 @@ class _Compiled:
 
     def _left_out(self, joints: dict[int, Joint]) -> Iterator[str]:
         model = self.model
-        if springs := [joint.name for j, joint in joints.items() if model.jnt_stiffness[j] > 0.0]:
-            yield f"springs of joints were left out: {', '.join(springs[:4])}"
-        if model.ntendon:
-            yield f"{model.ntendon} tendons were left out"
+        geoms = [(model.geom(g).name or self.labels[body], body, g) for g, body in enumerate(model.geom_bodyid)]
+        scene = [name for name, body, _ in geoms if body == 0 or self.owner[body] < 0]
+        if scene:
+            yield f"shapes of the scene were left out: {some(scene)}"
+        kinds = [mujoco.mjtGeom(kind) for kind in model.geom_type]
+        if strange := [name for name, _, g in geoms if name not in scene and kinds[g] not in GEOMS]:
+            yield f"shapes of other kinds were left out: {some(strange)}"
         renamed = [
             f"{label} is {joint.name}" for j, joint in joints.items() if (label := self.joint_labels[j]) != joint.name
         ]
@@ -401,6 +433,11 @@ class _Compiled:
                 yield Coupling(text=f"<{tag}> closes a loop between {between}", joints=names, loop=True)
             else:
                 yield Coupling(text=f"an equality <{tag}> ties bodies together")
+
+
+def _uneven(low: float, high: float) -> bool:
+    """Whether a range is not symmetric about zero."""
+    return abs(low + high) > EQUAL * max(abs(low), abs(high))
 
 
 def _transform(pos: np.ndarray, quat: np.ndarray) -> RigidTransform:

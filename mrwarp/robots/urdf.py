@@ -154,7 +154,7 @@ NUMBERS = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "height": 1},
 }
 """How many numbers each attribute of an element holds; only limits may be infinite."""
 
