@@ -15,7 +15,7 @@ from mrwarp.options.command_line import CommandLine
 class Diagnose(DiagnoseRobot, DiagnoseJoint):
     """Hand DATA over to 'mrwarp diagnose joint' or 'mrwarp diagnose robot', whose --help has their own options only.
 
-    Only a recording of a joint takes --model, --predict, --averaged, --impact, --learn, --bench and --without.
+    Only a recording of a joint takes --model, --predict, --averaged, --impact, --learn, --bench, --without and --keep.
     Only a robot's log takes --robot, --device, --policy, --live, --rrd and --units.
     """
 

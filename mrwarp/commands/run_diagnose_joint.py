@@ -39,6 +39,8 @@ class DiagnoseJoint(DiagnoseOptions):
     """what belongs to the bench and to no robot's joint; the simulator leaves it out"""
     without: Annotated[tuple[str, ...], opt.some(str, "CAUSE")] = ()
     """effects that are not looked for, such as coil_lag: the verdict says what is found in their place"""
+    keep: Annotated[tuple[str, ...], opt.some(str, "CAUSE")] = ()
+    """effects that are in the model from the first, with fitted numbers; the rest is looked for next to them"""
     averaged: Averaged = 0.0
     """moving average [s] that q and torque of --predict passed before they were published; 0 is none"""
     impact: opt.Flag = False
@@ -75,8 +77,8 @@ class DiagnoseJoint(DiagnoseOptions):
                 if not d.final:
                     progress.done()
                     return self.print_early(lines(d, {}), progress.seconds)
-                if self.without:
-                    d = replace(d, notes=(*d.notes, f"not looked for (--without): {', '.join(self.without)}"))
+                chosen = self._chosen(d)
+                d = replace(d, notes=(*d.notes, *chosen))
                 with undisturbed():
                     written[:] = self._write(d, line)
                 extras, tables = self._extras(d, unseen, log)
@@ -92,7 +94,7 @@ class DiagnoseJoint(DiagnoseOptions):
             self.write_page(page, pictures)
             if notes:
                 self._write_result(d, line, extras)
-        print("\n".join(lines(d, tables)))
+        print("\n".join([*lines(d, tables), *(["", *chosen] if chosen else [])]))
         if d.model is not None and (note := bench_note(d.model)):
             print(note)
         names = ", ".join([*written, "report.html", f"pictures/ ({len(pictures)} PNG)"])
@@ -107,13 +109,16 @@ class DiagnoseJoint(DiagnoseOptions):
             raise ValueError(
                 f"--out {self.out}: its model.json is the nominal model and would be overwritten; name another folder"
             )
-        if self.without:
+        if self.without or self.keep:
             from mrwarp.effects.catalogue import CATALOGUE
 
-            for name in self.without:
-                if name not in CATALOGUE:
-                    known = ", ".join(CATALOGUE)
-                    raise ValueError(f"--without {name}: no such effect; {closest(name, CATALOGUE)}choose from {known}")
+            for option in ("without", "keep"):
+                for name in getattr(self, option):
+                    if name not in CATALOGUE:
+                        near, known = closest(name, CATALOGUE), ", ".join(CATALOGUE)
+                        raise ValueError(f"--{option} {name}: no such effect; {near}choose from {known}")
+            if both := [name for name in self.keep if name in self.without]:
+                raise ValueError(f"--keep {both[0]}: --without {both[0]} takes it out; leave one of them away")
         from mrwarp.robot_logs.kinds import kind_of
 
         if kind_of(self.data) is not None:
@@ -159,11 +164,23 @@ class DiagnoseJoint(DiagnoseOptions):
             model=model,
             holding=holding,
             effects=[name for name in CATALOGUE if name not in self.without] if self.without else None,
+            keep=self.keep,
             seed=self.seed,
             progress=progress,
             answered=answered,
             threads=min(core_count(), 8),
         )
+
+    def _chosen(self, d: Diagnosis) -> list[str]:
+        """Notes on the effects that were not to be looked for, and on those that were kept, with their numbers."""
+        from mrwarp.diagnose.verdict_text import measured
+
+        notes = [f"not looked for (--without): {', '.join(self.without)}"] if self.without else []
+        for effect in d.model.effects if d.model else ():
+            if effect.name in self.keep:
+                numbers = [f"{name} {measured(p.value, p.unit)}" for name, p in effect.parameters.items()]
+                notes.append(f"in the model from the first (--keep): {effect.name}, {', '.join(numbers)}")
+        return notes
 
     def _extras(
         self, d: Diagnosis, unseen: Recording | None, progress: Callable[[str], None]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import fnmatch
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
 from mrwarp.enums import BENCH_PARTS, HYSTERESIS_LAWS, LEARNED
+from mrwarp.identify.checks.limits import Limits
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.options.progress_bar import ProgressBar
@@ -101,6 +102,7 @@ class Fit(Options):
     """break-away torques for eq. 18 (default: a holding.csv next to the data)"""
     law: Annotated[str, opt.one_of(HYSTERESIS_LAWS)] = "bouc_wen"
     """hysteresis law: the paper's, or a published one in its place"""
+    limits: Limits = field(default_factory=Limits)
     extended: opt.Flag = False
     """also fit the extended physical model"""
     robust: opt.Flag = False
@@ -127,6 +129,8 @@ class Fit(Options):
         check_writable(self.out)
         if self.law != "bouc_wen" and (self.robust or self.extended):
             raise ValueError(f"--law {self.law} takes neither --robust nor --extended; leave them out")
+        if self.extended and self.limits.ends:
+            raise ValueError("--extended takes neither --fix nor --bound; leave one of them out")
 
         from mrwarp.recording.load import check_same_units, load_recording
 
@@ -153,7 +157,9 @@ class Fit(Options):
         known = stated_numbers(recording, self.chosen(*STATED))
         holding = read_holding(self.data, recording, self.holding, progress)
         if self.law != "bouc_wen":
-            result = fit_law(recording, self.law, holding=holding, seed=self.seed, progress=progress)
+            result = fit_law(
+                recording, self.law, holding=holding, seed=self.seed, progress=progress, limits=self.limits
+            )
         else:
             result = fit_joint(
                 recording,
@@ -161,6 +167,7 @@ class Fit(Options):
                 robust=self.robust,
                 seed=self.seed,
                 progress=lambda text: progress(f"eq. 14: {text}"),
+                limits=self.limits,
             )
         extended = None
         if self.extended:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -34,7 +34,7 @@ from mrwarp.diagnose.problem import Fit, Problem, refit
 from mrwarp.diagnose.proof import Rejection, select_proven, without_parts
 from mrwarp.diagnose.residual_structure import Line, find_line, without_line
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.diagnose.screening import Candidate, Models
+from mrwarp.diagnose.screening import Candidate, Models, screen
 from mrwarp.diagnose.search import Selection, first_guess, screen_candidates
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.checks.stated import stated_numbers
@@ -42,7 +42,7 @@ from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
 from mrwarp.model_file import Model, Parameter, completed, parameter_unit, stated
 from mrwarp.recording.blocks import in_blocks
-from mrwarp.recording.load import Holding, Recording
+from mrwarp.recording.load import Holding, Recording, RecordingError
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import being_checked
 
@@ -57,6 +57,7 @@ def diagnose(
     model: Model | None = None,
     holding: Holding | None = None,
     effects: Collection[str] | None = None,
+    keep: Sequence[str] = (),
     settings: Settings | None = None,
     seed: int = 0,
     progress: Progress | None = None,
@@ -73,12 +74,16 @@ def diagnose(
             holding law, is kept in the models of the result.
         holding: Break-away torques, for eq. 18 of those models; they count before the model's.
         effects: Effects that may be named, of the catalogue; None: all of it.
+        keep: Effects that are part of the baseline, with fitted numbers.
         settings: Numbers by which is decided; None: those of the documentation.
         seed: Seed of every draw (starts, resampling).
         progress: Takes a line on what is being done.
         answered: Takes the first answer, which is not final; the diagnosis ends with it where that returns False.
         threads: CPU threads of the replay.
         method: "evidence" searches causes by their evidence alone; "proof" searches and proves them first.
+
+    Raises:
+        RecordingError: an effect is to be kept that such a recording cannot show.
     """
     log = progress or (lambda text: None)
     begun = time.perf_counter()
@@ -86,7 +91,7 @@ def diagnose(
     if reasons := no_verdict_reasons(recording, settings):
         return without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
     recording = in_blocks(recording)
-    session = _prepared(recording, effects, settings, model=model, threads=threads, seed=seed, log=log)
+    session = _prepared(recording, effects, keep, settings, model=model, threads=threads, seed=seed, log=log)
     answer = first_answer(
         session.recording,
         session.problem,
@@ -169,6 +174,7 @@ class _Session:
 def _prepared(
     recording: Recording,
     effects: Collection[str] | None,
+    keep: Sequence[str],
     settings: Settings,
     *,
     model: Model | None,
@@ -187,6 +193,7 @@ def _prepared(
     if spikes is not None:
         log(spikes.sentence)
         problem, base = fit_baseline(recording, **given, known=spikes.known)
+    problem, base = _with_kept(problem, base, keep, log)
     candidates = _candidates(problem, base, effects)
     log(f"{len(candidates)} effects as candidates")
     return _Session(
@@ -200,6 +207,23 @@ def _prepared(
         candidates=candidates,
         screened=screen_candidates(problem, base, candidates),
     )
+
+
+def _with_kept(problem: Problem, base: Fit, keep: Sequence[str], log: Progress) -> tuple[Problem, Fit]:
+    """The baseline with effects that are to be in it, and the noise that it leaves then.
+
+    Raises:
+        RecordingError: the recording cannot show one of them.
+    """
+    for name in keep:
+        if name in base.effects:
+            continue
+        if name not in _candidates(problem, base, None):
+            raise RecordingError(f"--keep {name}: a recording such as this cannot show its size; leave it out")
+        log(f"with {name}")
+        base = Models(problem, base).grown(base, screen(problem, base, [name])[0])
+        problem, base = judged(problem, base, log)
+    return problem, base
 
 
 def _with_law(session: _Session, log: Progress) -> _Session:

@@ -128,7 +128,7 @@ def shared_scale(value: float, unit: str, largest: Mapping[str, float] | None) -
 def readable(
     value: Value, parameter: EffectParameter | None = None, largest: Mapping[str, float] | None = None
 ) -> Readable:
-    """A value and its interval; a gain is given as its change in per cent.
+    """A value and its interval; a gain is given as its change in per cent, what repeats along an angle per turn.
 
     ``largest`` holds the :func:`largest_of` a table, whose numbers of one unit then share a readable one.
     """
@@ -136,6 +136,8 @@ def readable(
     if is_gain(parameter) and value.unit == "1":
         return Readable(_signed(value.value), f"{_signed(low)} to {_signed(high)}" if low < high else "")
     factor, name = shared_scale(value.value, value.unit, largest)
+    if parameter is not None and parameter.repeats and value.unit == "1/rad":
+        name = "per turn"
     half = 0.5 * (high - low) * factor
     text = f"{digits(value.value * factor, half)} {name}".strip()
     interval = f"{digits(low * factor, half)} to {digits(high * factor, half)} {name}".strip() if low < high else ""
@@ -179,8 +181,8 @@ def sentence_of(d: Diagnosis) -> str:
     """The verdict in one sentence, behind one for each thing that is wrong with the recording."""
     parts = []
     if d.law is not None and d.law.other:
-        before, after = d.law.error
-        errors = f", error {percent(before)} → {percent(after)}" if after < before else ""
+        before, after = map(percent, d.law.error)
+        errors = f", error {before} → {after}" if d.law.error[1] < d.law.error[0] and after != before else ""
         shape = "is a simpler one" if d.law.simpler else "has another shape"
         parts.append(f"the hysteresis {shape}: {d.law.title}{errors}")
         if (dry := d.dry_friction) is not None:

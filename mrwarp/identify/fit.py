@@ -6,6 +6,7 @@ Nothing is to be tuned: scales, starts, bounds and steps follow from the recordi
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,9 +16,11 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
-from mrwarp.identify.checks.refusal_reason import missed
+from mrwarp.identify.checks.bodies_missed import bodies_missed
+from mrwarp.identify.checks.limits import Limits, least_size
+from mrwarp.identify.checks.refusal_reason import followed_instead, missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
-from mrwarp.identify.dataset import Dataset, Scales, rms
+from mrwarp.identify.dataset import Dataset, Motion, Scales, rms
 from mrwarp.identify.intervals import Estimate, assess
 from mrwarp.identify.parameters import (
     LEAST_SHAPE,
@@ -31,9 +34,10 @@ from mrwarp.identify.projection import FEW, Point, Progress, Structure, held_out
 from mrwarp.identify.replay import Replay
 from mrwarp.model_file import Effect
 from mrwarp.params import BoucWenParams, holding_curve
+from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
 from mrwarp.recording.saturation import saturated
-from mrwarp.sysid.settings import Gain
+from mrwarp.sysid.settings import Gain, Rest
 
 PARAMETERS = (*LINEAR, *SHAPE)
 """Fitted parameters of eqs. 14 and 15."""
@@ -42,22 +46,56 @@ PARAMETERS = (*LINEAR, *SHAPE)
 class BoucWenStructure(Structure):
     """Eqs. 14 and 15. Shape: log(1 + alpha*v), log(beta + gamma), log(beta - gamma), with v a typical speed.
 
-    ``beta > |gamma|`` is the condition under which the hysteresis dissipates on any path.
+    ``beta > |gamma|`` is the condition under which the hysteresis dissipates on any path. Where beta or gamma has
+    ``limits`` (normalised, both ends), the last two are log(beta) and artanh(gamma/beta) instead.
     """
 
     shape = SHAPE
     linear = LINEAR
     non_negative = NON_NEGATIVE
 
-    def __init__(self, samples: Dataset, q_zero: float = 0.0) -> None:
+    def __init__(
+        self, samples: Dataset, q_zero: float = 0.0, limits: Mapping[str, tuple[float, float]] | None = None
+    ) -> None:
         self.speed = float(np.percentile(np.abs(samples.qd), 95)) or 1.0
-        self.q_zero = q_zero
+        self.q_zero, self.limits = q_zero, limits or {}
         self.low, self.high = np.array(LEAST_SHAPE), np.array(STEEPEST)
-        self.grid = (np.array([0.0, 0.4, 1.0, 2.0]), np.linspace(-1, 6, 8), np.linspace(-1, 6, 8))
+        grid = [np.array([0.0, 0.4, 1.0, 2.0]), np.linspace(-1, 6, 8), np.linspace(-1, 6, 8)]
+        ends = {0: np.log1p(np.maximum(self.limits.get("alpha", (0.0, np.inf)), 0.0) * self.speed)}
+        self.by_rates = not {"beta", "gamma"} & {*self.limits}
+        if not self.by_rates:
+            narrowest = 0.5 * (self.high[2] - self.low[2])  # half the difference of the logarithms of the rates
+            least = least_size(self.gamma_ends) / np.tanh(narrowest)
+            beta = np.maximum(self.limits.get("beta", (0.0, np.inf)), max(least, 1e-12))
+            one = (0.0, 0.0) if self.gamma_ends[0] == self.gamma_ends[1] else (-narrowest, narrowest)
+            self.low[2], self.high[2], grid[2] = *one, np.linspace(-1.5, 1.5, 5)
+            ends |= {1: np.log(beta)}
+        for i, (low, high) in ends.items():
+            self.low[i] = low if low > self.high[i] else max(low, self.low[i])
+            self.high[i] = high if high < self.low[i] else max(min(high, self.high[i]), self.low[i])
+        inside = zip(grid, self.low, self.high, strict=True)
+        self.grid = tuple(np.unique(np.clip(axis, low, high)) for axis, low, high in inside)
+
+    @property
+    def gamma_ends(self) -> tuple[float, float]:
+        """Limits of gamma."""
+        return self.limits.get("gamma", (-np.inf, np.inf))
+
+    def linear_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the linear parameters, within their limits."""
+        low, high = super().linear_bounds()
+        for i, name in enumerate(self.linear):
+            if name in self.limits:
+                low[i], high[i] = max(low[i], self.limits[name][0]), self.limits[name][1]
+        return low, high
 
     def loop(self, theta: np.ndarray) -> dict[str, float]:
         """alpha, beta, gamma of a shape."""
-        return shape_parameters(theta, self.speed)
+        if self.by_rates:
+            return shape_parameters(theta, self.speed)
+        beta = float(np.exp(theta[1]))
+        gamma = float(np.clip(beta * np.tanh(theta[2]), *self.gamma_ends))
+        return {"alpha": float(np.expm1(theta[0])) / self.speed, "beta": beta, "gamma": gamma}
 
     def elements(self, loop: Mapping[str, float]) -> list[dict[str, float]]:
         """One hysteresis element of unit gain."""
@@ -112,6 +150,8 @@ class FitResult(Misfit):
     """Torque by which the zero of each trajectory lies off D, where the zeros differ."""
     held_out: float | None = None
     """NRMSE of trajectories left out in turn; None where it was not asked for."""
+    given: dict[str, float] = field(default_factory=dict)
+    """Numbers that were given (``--fix``), not fitted."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -128,6 +168,7 @@ def fit(
     substeps: int = 2,
     seed: int = 0,
     progress: Progress | None = None,
+    limits: Limits | None = None,
 ) -> FitResult:
     """Identify a joint.
 
@@ -139,34 +180,49 @@ def fit(
         substeps: As there.
         seed: Seed of the samples on which the starts are searched.
         progress: Called with what is being done.
+        limits: Numbers of eqs. 14 and 15 that are given or bounded.
 
     Raises:
+        ValueError: ``limits`` name what eqs. 14 and 15 do not have.
         RecordingError: too few break-away torques for eq. 18, columns that contradict each other, or a model that
             explains next to nothing.
     """
-    log = progress or (lambda text: None)
+    log, limits = progress or (lambda text: None), limits or Limits()
+    limits.check(PARAMETERS)
     refuse_contradictions(recording)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
     samples = Dataset.of(recording, scales)
-    structure = BoucWenStructure(samples)
+    inner = {name: (low / scales.factor(name), high / scales.factor(name)) for name, (low, high) in limits.ends.items()}
+    structure = BoucWenStructure(samples, limits=inner)
     replay = Replay(samples, exact=exact, substeps=substeps)
     point, warnings = search(structure, replay, robust=robust, seed=seed, log=log)
 
     log("intervals")
     names = structure.linear + structure.shape
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
-    assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
+    searched = structure.low < structure.high
+    assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names, searched)
     warnings += _notes(recording, point, structure, assessment.together)
+    stiffness = assessment.estimates["C"]
+    if stiffness.ci95 and stiffness.ci95[1] < 0.0 and "C" not in limits.ends:
+        warnings.append(
+            "C is below 0, as no spring is: it stands for what eq. 14 lacks, such as an inertia; run 'mrwarp diagnose "
+            "joint'"
+        )
     runs = recording.trajectories
     nrmse = missed(point.simulated - samples.torque, samples.torque, samples.counts)
     ratio = held_out_ratio(structure, point, len(runs))
-    held_out = nrmse * ratio
-    refuse_unexplained(recording, samples, nrmse, held_out)
+    refuse_unexplained(recording, samples, nrmse, nrmse * ratio)
+    figures = misfit(recording, point.simulated, samples, warnings)
+    if figures["nrmse"] > Rest.unreported:
+        figures["warnings"] += (_missed_text(figures["nrmse"], recording, structure, replay, point),)
     return FitResult(
-        estimates={name: assessment.estimates[name] for name in PARAMETERS} | at_rest,
-        combinations={name: e for name, e in assessment.estimates.items() if name not in PARAMETERS},
-        fixed={"q_offset": 0.0, "q_center": 0.0, "z_max": BoucWenParams().z_max, "coil_time_constant": 0.0},
+        estimates={name: assessment.estimates[name] for name in PARAMETERS if name not in limits.given} | at_rest,
+        combinations={name: e for name, e in assessment.estimates.items() if _combines(name) - {*limits.given}},
+        fixed={"q_offset": 0.0, "q_center": 0.0, "z_max": BoucWenParams().z_max, "coil_time_constant": 0.0}
+        | limits.given,
+        given=limits.given,
         units=dict(recording.units),
         source=str(recording.source or "in memory"),
         samples=len(samples.q),
@@ -176,8 +232,8 @@ def fit(
         condition=assessment.condition,
         correlations=assessment.correlations,
         seed=seed,
-        held_out=held_out if len(runs) > 1 else None,
-        **misfit(recording, point.simulated, samples, warnings),
+        held_out=figures["nrmse"] * ratio if len(runs) > 1 else None,
+        **figures,
     )
 
 
@@ -201,6 +257,17 @@ def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnin
     }
 
 
+def _missed_text(nrmse: float, recording: Recording, structure: Structure, replay: Replay, point: Point) -> str:
+    """Warning of a large error, with what it follows as far as plain means show that."""
+    samples, units = replay.samples, recording.units
+    follows = (
+        bodies_missed(structure, replay, point, Motion.of(recording, samples.scales), units)
+        or followed_instead(samples, units, left=samples.torque - point.simulated)
+        or "'mrwarp diagnose joint' looks for the reason"
+    )
+    return f"{100.0 * nrmse:.0f} % of the {quantity('torque', units)} is missed (NRMSE): {follows}"
+
+
 def _named(structure: BoucWenStructure, scales: Scales, x: np.ndarray, top: float) -> dict[str, float]:
     """Parameters in outer units, then the combinations that are better known; ``top`` is the largest inner current."""
     inner = dict(zip(structure.linear, x, strict=False)) | structure.loop(x[len(structure.linear) :])
@@ -217,6 +284,11 @@ def _named(structure: BoucWenStructure, scales: Scales, x: np.ndarray, top: floa
     }
 
 
+def _combines(name: str) -> set[str]:
+    """Parameters of a combination by its name; none of a parameter's own name."""
+    return {*re.findall(r"[A-Za-z]+\d?", name)} & {*PARAMETERS} if name not in PARAMETERS else set()
+
+
 def _notes(
     recording: Recording, point: Point, structure: BoucWenStructure, together: list[tuple[str, ...]]
 ) -> list[str]:
@@ -228,11 +300,22 @@ def _notes(
         notes.append(f"the current is {levels[0]:g} throughout: I1 and K1 cannot be distinguished from D and K0")
     notes += [f"cannot be distinguished: {', '.join(group)}; trust their combinations only" for group in together]
     for name, x, low, high in zip(structure.shape, point.theta, structure.low, structure.high, strict=True):
-        if x <= low or x >= high:
+        if low < high and (x <= low or x >= high):
             notes.append(f"the search for {name} ended at its bound: its interval is not reliable")
-    stuck = [name for name, free in zip(structure.linear, point.free, strict=True) if not free]
-    if stuck and len(levels) > 1:
-        notes.append(f"{', '.join(stuck)} ended at 0, the edge of the allowed range")
+    ends = [structure.limits.get(name, (0.0, 1.0)) for name in structure.linear]
+    stuck = [
+        (name, value)
+        for name, value, free, (low, high) in zip(structure.linear, point.linear, point.free, ends, strict=True)
+        if not free and low < high
+    ]
+    zero, other = [name for name, value in stuck if not value], [name for name, value in stuck if value]
+    if zero and len(levels) > 1:
+        notes.append(f"{', '.join(zero)} ended at 0, the edge of the allowed range")
+    gamma = structure.loop(point.theta)["gamma"]
+    if structure.limits and structure.gamma_ends[0] < structure.gamma_ends[1] and gamma in structure.gamma_ends:
+        other.append("gamma")
+    if other:
+        notes.append(f"{', '.join(other)} ended at a bound of --bound")
     if len(recording.trajectories) < FEW:
         notes.append(
             f"only {len(recording.trajectories)} trajectories: intervals leave out errors that last a whole trajectory"

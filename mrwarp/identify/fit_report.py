@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +10,7 @@ from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
 from mrwarp.identify.damper import ExtendedFit, extended_torque, prediction_errors, undo_moving_average
 from mrwarp.identify.fit import FitResult
 from mrwarp.identify.intervals import Estimate
-from mrwarp.identify.law_fit import model_torque
+from mrwarp.identify.law_fit import model_torque, printed, printed_numbers
 from mrwarp.identify.replay import simulate
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, model_to_dict, parameter_unit
 from mrwarp.recording.load import Recording
@@ -100,6 +99,7 @@ def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str,
         "warnings": result.warnings,
         **_errors(result),
         "held_out_nrmse": result.held_out,
+        "given": result.given,
     }
     if result.effects:
         model = model_to_dict(to_model(result))
@@ -126,13 +126,20 @@ def lines(result: FitResult, extended: ExtendedFit | None = None) -> list[str]:
         return ["", *text_table((f"{title:44s}", "value", "95 % interval"), rows)]
 
     named = {f"{name} [{parameter_unit(name, result.units)}]": e for name, e in result.estimates.items()}
+    for effect in result.effects:
+        named |= {
+            f"{printed(effect.name, name)} [{p.unit}]": Estimate.of(p.value, p.ci95)
+            for name, p in effect.parameters.items()
+            if printed(effect.name, name) in {*printed_numbers([effect.name])} - {*result.given}
+        }
     control = f" {result.units['current']}".removesuffix(" 1").removesuffix(" none")
     for name, e in result.combinations.items():
         at = control if name.rpartition(" ")[0].endswith(" at") else ""
         named[f"{name}{at} [{parameter_unit(_UNIT_OF[name.partition(' ')[0]], result.units)}]"] = e
     found = estimates("parameter", named)
-    for effect in result.effects:
-        found += ["", *textwrap.wrap(str(effect), 118, subsequent_indent="    ")]
+    if result.given:
+        numbers = ", ".join(f"{name} = {value:.4g}" for name, value in result.given.items())
+        found += ["", f"given, not fitted (--fix): {numbers}"]
     errors = [{**result.rmse_per_current, "all": result.rmse}]
     head = [f"current [{result.units['current']}]", f"RMSE [{result.units['torque']}]"]
     share = f"NRMSE of {law_title(result)} {100 * result.nrmse:.2f} %"

@@ -5,7 +5,7 @@ Trajectories, or blocks of one, are the pieces of :mod:`mrwarp.sysid.jackknife`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,12 @@ class Estimate:
     half: float
     half_joint: float
 
+    @classmethod
+    def of(cls, value: float, ci95: Sequence[float] | None) -> Estimate:
+        """An estimate by its interval alone."""
+        half = 0.5 * (ci95[1] - ci95[0]) if ci95 else np.inf
+        return cls(value=value, half=half, half_joint=np.inf)
+
     @property
     def ci95(self) -> tuple[float, float] | None:
         """Interval, or None where the data say nothing."""
@@ -52,7 +58,11 @@ class Assessment:
 
 
 def assess(
-    point: Point, transform: Callable[[np.ndarray], Mapping[str, float]], count: int, names: tuple[str, ...]
+    point: Point,
+    transform: Callable[[np.ndarray], Mapping[str, float]],
+    count: int,
+    names: tuple[str, ...],
+    searched: np.ndarray | None = None,
 ) -> Assessment:
     """Intervals of ``transform(inner parameters)`` at a fitted point.
 
@@ -61,11 +71,12 @@ def assess(
         transform: From inner parameters (linear, then shape) to named values; the first ``count`` are the parameters.
         count: Number of parameters among the named values, for the joint intervals.
         names: Names of the inner parameters.
+        searched: Which of the shape's are not given, shape (p,); None: all.
     """
     vector = np.concatenate([point.linear, point.theta])
-    free = np.append(point.free, np.ones(len(point.theta), dtype=bool))
+    free = np.append(point.free, np.ones(len(point.theta), dtype=bool) if searched is None else searched)
     parts = point.gram[:, :-1, :-1]
-    score = point.gram[:, :-1, -1] - parts @ vector
+    score = point.gram[:, :-1, -1] - parts @ np.append(point.linear, np.zeros(len(point.theta)))
     hessian = parts.sum(axis=0)
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     free &= scale > 1e-12 * scale.max()

@@ -18,6 +18,7 @@ from scipy import stats
 
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
 from mrwarp.effects.replay_kernel import BASE
+from mrwarp.identify.checks.limits import Ends, Limits
 from mrwarp.identify.checks.refusal_reason import missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
 from mrwarp.identify.dataset import Dataset, Motion, Scales
@@ -84,10 +85,14 @@ class LawSearch:
         replay: The motion on a device.
         q_zero: Angle from which q_c counts, normalised.
         offsets: Whether each trajectory has a zero of its own.
+        limits: Both ends of numbers that are given or bounded, in the units of the recording.
     """
 
-    def __init__(self, replay: EffectReplay, q_zero: float, *, offsets: bool) -> None:
+    def __init__(
+        self, replay: EffectReplay, q_zero: float, *, offsets: bool, limits: Mapping[str, Ends] | None = None
+    ) -> None:
         self.replay, self.motion, self.q_zero, self.offsets = replay, replay.motion, q_zero, offsets
+        self.limits = limits or {}
         self.levels = len(np.unique(np.round(self.motion.current, 2)))
         self.weight = self.motion.settled(4.0)
         self.varies = any(np.ptp(self.motion.current[part]) > 0.05 for part in self.motion.parts)
@@ -100,6 +105,7 @@ class LawSearch:
     def bounds(self, layout: Parameters) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds; what a single level of the control input does not show is 0."""
         low, high = layout.low.copy(), layout.high.copy()
+        self._limit(layout, low, high)
         if self.levels < 2:
             for i in (LINEAR.index("I1"), LINEAR.index("K1")):
                 low[i] = high[i] = 0.0
@@ -108,6 +114,21 @@ class LawSearch:
             if not self.varies:
                 low[LINEAR.index("I1")] = high[LINEAR.index("I1")] = 0.0
         return low, high
+
+    def _limit(self, layout: Parameters, low: np.ndarray, high: np.ndarray) -> None:
+        """Narrow bounds of a vector to the limits of its numbers."""
+        scales = self.motion.scales
+        for i, name in enumerate(LINEAR):
+            if name in self.limits:
+                least, most = (end / linear_factor(name, scales) for end in self.limits[name])
+                low[i], high[i] = max(low[i], least), most
+        for i, slot in layout.items():
+            if ends := self.limits.get(printed(slot.effect, slot.parameter.name)):
+                least, most = (end / factor_of(slot.parameter, scales) for end in ends)
+                if slot.logarithmic:
+                    least, most = (float(np.log(max(end, 1e-300))) for end in (least, most))
+                low[i] = least if least == most else max(low[i], least)
+                high[i] = most if least == most else max(min(high[i], most), low[i])
 
     def evaluate(self, layout: Parameters, x: np.ndarray) -> Quadratic:
         """Squared error about a vector; the content is (torque, Gram matrices of the trajectories).
@@ -185,6 +206,7 @@ def law_search(
     limit: int,
     effects: Sequence[str],
     threads: int = 1,
+    limits: Mapping[str, Ends] | None = None,
 ) -> Solution:
     """The best fit of one law, from starts on a part of the samples.
 
@@ -196,9 +218,11 @@ def law_search(
         limit: Samples of the starts.
         effects: Further effects.
         threads: CPU threads.
+        limits: As of :class:`LawSearch`.
     """
-    small = LawSearch(EffectReplay(motion.stretches(limit, _STARTS_RUNS), threads=threads), q_zero, offsets=offsets)
-    whole = LawSearch(EffectReplay(motion, threads=threads), q_zero, offsets=offsets)
+    some = EffectReplay(motion.stretches(limit, _STARTS_RUNS), threads=threads)
+    small = LawSearch(some, q_zero, offsets=offsets, limits=limits)
+    whole = LawSearch(EffectReplay(motion, threads=threads), q_zero, offsets=offsets, limits=limits)
     layout = whole.layout([name])
     rough = min((small.descend(layout, x, _ROUGH) for x in small.starts(layout)), key=lambda s: float(s.loss.sum()))
     grown = whole.layout([name, *effects])
@@ -206,7 +230,13 @@ def law_search(
 
 
 def fit_law(
-    recording: Recording, name: str, *, holding: Holding | None = None, seed: int = 0, progress: Progress | None = None
+    recording: Recording,
+    name: str,
+    *,
+    holding: Holding | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    limits: Limits | None = None,
 ) -> FitResult:
     """Identify a joint with a published law in place of eq. 15.
 
@@ -216,36 +246,24 @@ def fit_law(
         holding: Break-away torques, for eq. 18.
         seed: Written to the result; the search draws nothing.
         progress: Called with what is being done.
+        limits: Numbers that are given or bounded.
 
     Raises:
+        ValueError: ``limits`` name what such a fit does not have.
         RecordingError: columns that contradict each other, or a model that explains next to nothing.
     """
-    log = progress or (lambda text: None)
+    log, limits = progress or (lambda text: None), limits or Limits()
     refuse_contradictions(recording)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     motion = Motion.of(recording)
     scales, runs, decides = motion.scales, recording.trajectories, Law()
-    centres = [0.0, float(np.median([0.5 * (run.q.min() + run.q.max()) for run in runs]))]
-    levels = len(np.unique(np.round(motion.current, 2)))
-    with_effects = OF_PUBLISHED_LAWS["term"] if levels > 1 else ()
-    log(f"{HYSTERESIS[name].title}: starts")
-    fits = [
-        law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, limit=Effort().samples, effects=with_effects)
-        for centre in (centres if "side" in HYSTERESIS[name].depends_on else centres[:1])
-    ]
-    best = min(fits, key=lambda s: float(s.loss.sum()))
+    search, best = _with_own_zeros(motion, name, limits, log)
     centre = best.layout.q_zero * scales.q
-    search = LawSearch(EffectReplay(motion), centre / scales.q, offsets=len(runs) > 1)
-    if levels > 2:
-        log("saturation over the control input")
-        grown = search.layout([*best.layout.effects, *OF_PUBLISHED_LAWS["saturation"]])
-        bent = search.descend(grown, best.layout.grown(best.x, grown.effects))
-        if bent.held_out.sum() < (1.0 - decides.simpler) * best.held_out.sum():
-            best = bent
-    plain = one_zero(best, search.replay, decides.moved)
+    plain = one_zero(best, search.replay, decides.moved, limits.ends)
     offsets: dict[str, float] = {}
     warnings = []
-    if turn_back(motion) and zeros_moved(best, plain, decides.moved):
+    given = {"D", "I1"} & {*limits.ends}
+    if not given and turn_back(motion) and zeros_moved(best, plain, decides.moved):
         best, zeros = _with_zeros(search, best)
         offsets = {run.id: float(zero) * scales.torque for run, zero in zip(runs, zeros, strict=True)}
         warnings.append(_moving_zeros(recording.units["torque"], np.array(list(offsets.values()))))
@@ -260,10 +278,12 @@ def fit_law(
     warnings += made_motion(recording)
     estimates, effects = outer_numbers(best, scales, recording.units, (0, 3) if offsets else ())
     return FitResult(
-        estimates=estimates | at_rest,
+        estimates={name: e for name, e in estimates.items() if name not in limits.given} | at_rest,
         combinations={},
         fixed=dict.fromkeys(("q_offset", "coil_time_constant", "alpha", "gamma"), 0.0)
-        | {"q_center": centre, "z_max": BoucWenParams().z_max, "beta": 1.0},
+        | {"q_center": centre, "z_max": BoucWenParams().z_max, "beta": 1.0}
+        | {name: value for name, value in limits.given.items() if name in LINEAR},
+        given=limits.given,
         units=dict(recording.units),
         source=str(recording.source or "in memory"),
         samples=len(motion.q),
@@ -277,6 +297,30 @@ def fit_law(
         held_out=held if len(runs) > 1 else None,
         **misfit(recording, simulated, motion, warnings),
     )
+
+
+def _with_own_zeros(motion: Motion, name: str, limits: Limits, log: Progress) -> tuple[LawSearch, Solution]:
+    """The best fit of a law where each of several trajectories has a zero of its own, and its search."""
+    middles = [0.5 * (motion.q[part].min() + motion.q[part].max()) for part in motion.parts]
+    centres = [0.0, float(np.median(middles))]
+    levels, offsets = len(np.unique(np.round(motion.current, 2))), len(motion.parts) > 1
+    effects = OF_PUBLISHED_LAWS["term"] if levels > 1 else ()
+    limits.check([*LINEAR, *printed_numbers([name, *effects])])
+    log(f"{HYSTERESIS[name].title}: starts")
+    given: dict[str, Any] = {"offsets": offsets, "limits": limits.ends}
+    fits = [
+        law_search(motion, centre, name, limit=Effort().samples, effects=effects, **given)
+        for centre in (centres if "side" in HYSTERESIS[name].depends_on else centres[:1])
+    ]
+    best = min(fits, key=lambda s: float(s.loss.sum()))
+    search = LawSearch(EffectReplay(motion), best.layout.q_zero, **given)
+    if levels > 2:
+        log("saturation over the control input")
+        grown = search.layout([*best.layout.effects, *OF_PUBLISHED_LAWS["saturation"]])
+        bent = search.descend(grown, best.layout.grown(best.x, grown.effects))
+        if bent.held_out.sum() < (1.0 - Law.simpler) * best.held_out.sum():
+            best = bent
+    return search, best
 
 
 def _moving_zeros(unit: str, zeros: np.ndarray) -> str:
@@ -301,12 +345,28 @@ def _with_zeros(search: LawSearch, best: Solution) -> tuple[Solution, np.ndarray
     return found, np.array(mean)
 
 
-def one_zero(found: Solution, replay: EffectReplay, moved: float) -> Solution:
+def printed(effect: str, number: str) -> str:
+    """A number of an effect as a fit prints it."""
+    return f"{effect}.{number}"
+
+
+def printed_numbers(effects: Sequence[str]) -> list[str]:
+    """The fitted numbers of effects as a fit prints them."""
+    return [printed(e, p.name) for e in effects for p in KNOWN[e].parameters if p.preset is None and not p.choices]
+
+
+def linear_factor(name: str, scales: Scales) -> float:
+    """Factor from an inner number of eq. 14 to the recording's units; K0 and K1 are sliding torque per unit of h."""
+    factors = {"K0": scales.torque, "K1": scales.torque / scales.current}
+    return factors.get(name, scales.factor(name))
+
+
+def one_zero(found: Solution, replay: EffectReplay, moved: float, limits: Mapping[str, Ends] | None = None) -> Solution:
     """A law with one zero for all trajectories, and with friction that differs by direction where that is a clear gain.
 
     Such friction moves the mean of a trajectory as well, the more the faster it runs.
     """
-    search = LawSearch(replay, found.layout.q_zero, offsets=False)
+    search = LawSearch(replay, found.layout.q_zero, offsets=False, limits=limits)
     shared = search.descend(found.layout, found.x)
     if not zeros_moved(found, shared, moved):
         return shared
@@ -357,12 +417,11 @@ def outer_numbers(
         half[best.free] = student(0.95, count - 1) * np.sqrt(np.diag(jackknife(best.moves)))
         half = np.hypot(half, error)
     wide = student(1.0 - 0.05 / len(best.x), max(count - 1, 1)) / student(0.95, max(count - 1, 1))
-    factors = {"K0": scales.torque, "K1": scales.torque / scales.current}
     estimates = {}
     for i, name in enumerate(LINEAR):
         if i in between:
             half[i] = np.inf
-        factor = factors.get(name, scales.factor(name))
+        factor = linear_factor(name, scales)
         value, by = float(best.x[i]) * factor, float(half[i]) * factor
         estimates[name] = Estimate(value=value, half=by, half_joint=by * wide)
     slots = {slot.key: i for i, slot in best.layout.items()}

@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.checks.limits import Limits
 from mrwarp.identify.checks.lone_samples import ROUNDS, beside_spikes, far_off, find_spikes
 from mrwarp.identify.contradictions import refuse_contradictions
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.fit import FitResult, fit, made_motion, misfit
-from mrwarp.identify.law_fit import LawSearch, Solution, outer_numbers
+from mrwarp.identify.fit import PARAMETERS, FitResult, fit, made_motion, misfit
+from mrwarp.identify.law_fit import LawSearch, Solution, outer_numbers, printed_numbers
 from mrwarp.identify.parameters import LINEAR, SHAPE_PART, Parameters
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
@@ -33,6 +34,9 @@ RUBS = next(name for name, law in CATALOGUE.items() if law.mechanics and law.dry
 SOFTLY = "biviscous"
 """Dry friction as an effect; and the law of one that turns its direction over a range of speeds."""
 
+MECHANICAL = ("D", "B", SPRING, *printed_numbers([name for name, law in CATALOGUE.items() if law.mechanics]))
+"""Numbers of a joint without a device, as a fit prints them."""
+
 
 class _Bodies(LawSearch):
     """Eq. 14 without hysteresis, with effects that only add; ``spring`` says whether it has C."""
@@ -42,9 +46,11 @@ class _Bodies(LawSearch):
     def bounds(self, layout: Parameters) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds: no hysteresis but a law's, nothing over a current."""
         low, high = super().bounds(layout)
+        own = {LINEAR.index(name) for name in self.limits if name in LINEAR}
         gone = [LINEAR.index(name) for name in ("I1", "K1", *(() if self.spring else (SPRING,)))]
         if not layout.law:
             gone.append(LINEAR.index("K0"))
+        gone = [i for i in gone if i not in own]
         low[gone] = high[gone] = 0.0
         low[SHAPE_PART] = high[SHAPE_PART] = 0.0
         return low, high
@@ -55,6 +61,10 @@ class _Bodies(LawSearch):
         layout = self.layout([e for e in terms if e != SPRING])
         starts = self.starts(layout) if layout.law else [np.zeros(layout.size)]
         return min((self.descend(layout, x) for x in starts), key=lambda s: float(s.held_out.sum()))
+
+    def limited(self, term: str) -> bool:
+        """Whether a number of an effect, or C, is given or bounded."""
+        return any(name == term or name.startswith(f"{term}.") for name in self.limits)
 
     def without_spikes(self, terms: Sequence[str]) -> np.ndarray:
         """Samples that stand out of what these terms leave, and come again nowhere, bool, shape (N,)."""
@@ -79,20 +89,24 @@ def fit_joint(
     robust: bool = False,
     seed: int = 0,
     progress: Progress | None = None,
+    limits: Limits | None = None,
 ) -> FitResult:
     """Identify a joint: eqs. 14 and 15, or without any current the mechanics alone where they predict better.
 
     The arguments are those of :func:`mrwarp.identify.fit.fit`.
 
     Raises:
+        ValueError: ``limits`` name what neither has.
         RecordingError: as :func:`mrwarp.identify.fit.fit` does.
     """
     refuse_contradictions(recording)
-    bodies = None
-    if not any(run.current.any() for run in recording.trajectories):
-        bodies = fit_mechanics(recording, seed=seed, progress=progress)
+    bodies, named = None, {*(limits.ends if limits else ())}
+    if not any(run.current.any() for run in recording.trajectories) and not named - {*MECHANICAL}:
+        bodies = fit_mechanics(recording, seed=seed, progress=progress, limits=limits)
+        if named - {*PARAMETERS}:
+            return bodies
     try:
-        device = fit(recording, holding=holding, robust=robust, seed=seed, progress=progress)
+        device = fit(recording, holding=holding, robust=robust, seed=seed, progress=progress, limits=limits)
     except RecordingError:
         if bodies is None or max(bodies.nrmse, bodies.held_out or 0.0) >= Data().nothing:
             raise
@@ -103,25 +117,29 @@ def fit_joint(
     return bodies if unseen[0] < unseen[1] else device
 
 
-def fit_mechanics(recording: Recording, *, seed: int = 0, progress: Progress | None = None) -> FitResult:
+def fit_mechanics(
+    recording: Recording, *, seed: int = 0, progress: Progress | None = None, limits: Limits | None = None
+) -> FitResult:
     """Inertia, gravity, spring and friction of a joint without a device; single spikes of the torque do not count.
 
     Args:
         recording: Measured runs.
         seed: Written to the result; nothing is drawn.
         progress: Called with what is being done.
+        limits: Numbers of :data:`MECHANICAL` that are given or bounded; they stay in the model.
     """
+    limits = limits or Limits()
     (progress or (lambda text: None))("inertia, gravity, spring and friction")
     motion = Motion.of(recording)
     radian = motion.ranges.radian > 0.0
     found = [name for name, law in CATALOGUE.items() if law.mechanics and (radian or law.needs != "angle")]
-    search = _Bodies(EffectReplay(motion), 0.0, offsets=False)
+    search = _Bodies(EffectReplay(motion), 0.0, offsets=False, limits=limits.ends)
     search.without_spikes([SPRING, *found])
     search, rough = _smooth(search, recording, [SPRING, *found])
     motion = search.motion
     spikes = search.without_spikes([SPRING, *found])
     best, kept = _needed(search, [SPRING, *found])
-    if RUBS in kept:
+    if RUBS in kept and not search.limited(RUBS):
         softly = search.fitted([SOFTLY if e == RUBS else e for e in kept])
         best = min(best, softly, key=lambda s: float(s.held_out.sum()))
     moved = rough.fitted([*best.layout.effects, *([SPRING] if SPRING in kept else [])]).x - best.x
@@ -138,10 +156,12 @@ def fit_mechanics(recording: Recording, *, seed: int = 0, progress: Progress | N
     for name in set(estimates) - {*left}:  # what there is none of has no interval
         estimates[name] = replace(estimates[name], half=np.inf, half_joint=np.inf)
     return FitResult(
-        estimates=estimates,
+        estimates={name: e for name, e in estimates.items() if name not in limits.given},
         combinations={},
         fixed={"q_offset": 0.0, "q_center": 0.0, "coil_time_constant": 0.0, "alpha": 0.0, "gamma": 0.0, "beta": 1.0}
-        | {"z_max": BoucWenParams().z_max},
+        | {"z_max": BoucWenParams().z_max}
+        | {name: value for name, value in limits.given.items() if name in LINEAR},
+        given=limits.given,
         units=dict(recording.units),
         source=str(recording.source or "in memory"),
         samples=len(motion.q),
@@ -164,7 +184,8 @@ def _smooth(search: _Bodies, recording: Recording, terms: list[str]) -> tuple[_B
     """
     rough, least, smoothing = search, float(search.fitted(terms).held_out.sum()), 2.0
     while smoothing <= Settings().reading.smoothing:
-        smooth = _Bodies(EffectReplay(Motion.of(recording, smoothing=smoothing)), 0.0, offsets=False)
+        replay = EffectReplay(Motion.of(recording, smoothing=smoothing))
+        smooth = _Bodies(replay, 0.0, offsets=False, limits=search.limits)
         smooth.weight = search.weight
         if (left := float(smooth.fitted(terms).held_out.sum())) > (1.0 - Gain.share) * least:
             break
@@ -176,9 +197,9 @@ def _needed(search: _Bodies, terms: list[str]) -> tuple[Solution, list[str]]:
     """The model and its terms, those without which unseen trajectories are predicted worse, of a possible sign."""
     gain = Gain()
     best = search.fitted(terms)
-    while terms:
-        wrong = [e for e in terms if e != SPRING and CATALOGUE[e].positive and best.x[best.layout.own(e)[0]] <= 0.0]
-        without = {e: search.fitted([x for x in terms if x != e]) for e in wrong or terms}
+    while loose := [e for e in terms if not search.limited(e)]:
+        wrong = [e for e in loose if e != SPRING and CATALOGUE[e].positive and best.x[best.layout.own(e)[0]] <= 0.0]
+        without = {e: search.fitted([x for x in terms if x != e]) for e in wrong or loose}
         least = min(without, key=lambda e: float(without[e].held_out.sum()))
         more, t = gain_and_t(without[least].held_out, best.held_out)
         needed = t > gain.one_error and more > gain.share * float(best.held_out.sum())

@@ -19,7 +19,7 @@ from mrwarp.identify.checks.lone_samples import find_spikes
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.normal_equations import bounded_solve
 from mrwarp.identify.replay import Replay
-from mrwarp.sysid.least_squares import RANK, Rules, minimise
+from mrwarp.sysid.least_squares import RANK, Rules, minimise, minimum_within
 from mrwarp.sysid.left_out import predicted
 from mrwarp.sysid.pieces import Pieces, Quadratic
 from mrwarp.sysid.settings import Search
@@ -49,6 +49,16 @@ class Structure(ABC):
     """Names of the linear parameters."""
     non_negative: tuple[str, ...] = ()
     """Linear parameters that may not be negative."""
+
+    def linear_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the linear parameters, each of shape (L,)."""
+        low = np.array([0.0 if name in self.non_negative else -np.inf for name in self.linear])
+        return low, np.full(len(low), np.inf)
+
+    def slowest(self, theta: np.ndarray) -> float:
+        """How fast z forgets along the path where it does so least [1/normalised unit of q]."""
+        loop = self.loop(theta)
+        return float(loop["beta"] - abs(loop["gamma"]))
 
     @abstractmethod
     def loop(self, theta: np.ndarray) -> dict[str, float]:
@@ -92,7 +102,8 @@ class Projection:
         self.structure, self.replay, self.samples = structure, replay, replay.samples
         self.weight = np.ones(len(self.samples.q)) if weight is None else weight
         self.clusters = _clusters(self.samples)
-        self._bounded = np.array([name in structure.non_negative for name in structure.linear])
+        self._low, self._high = structure.linear_bounds()
+        self._signs_only = bool(np.isin(self._low, (0.0, -np.inf)).all() and np.isinf(self._high).all())
 
     def costs(self, thetas: Sequence[np.ndarray]) -> np.ndarray:
         """Sum of squares at the best linear parameters of each shape, shape (len(thetas),)."""
@@ -151,7 +162,11 @@ class Projection:
         """Best linear parameters within their bounds, which of them are free, and the sum of squares."""
         weighted = columns * self.weight[:, None]
         gram, moment = columns.T @ weighted, weighted.T @ self.samples.torque
-        linear, free = bounded_solve(gram, moment, self._bounded)
+        if self._signs_only:
+            linear, free = bounded_solve(gram, moment, self._low == 0.0)
+        else:
+            linear, held = minimum_within(gram, moment, self._low, self._high)
+            free = ~held & (self._low < self._high)
         mismatch = columns @ linear - self.samples.torque
         return linear, free, float(mismatch @ (self.weight * mismatch))
 
@@ -195,8 +210,7 @@ def search(
     if rivals:
         warnings.append("two different parameter sets fit a part of the data equally well: record richer motion")
     log(f"refining on {len(samples.q)} samples")
-    rate = float(np.exp(min(points[0].theta[1], points[0].theta[2])))
-    projection = Projection(structure, replay, samples.settled(rate))
+    projection = Projection(structure, replay, samples.settled(structure.slowest(points[0].theta)))
     point = projection.descend(points[0].theta)
     for rival in rivals[:1]:
         point = min(point, projection.descend(rival.theta), key=lambda p: p.sse)

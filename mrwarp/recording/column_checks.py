@@ -23,7 +23,7 @@ LARGEST = 1e20
 SIGNED = 0.02
 """Part of the largest current, in size, below which a negative one is the noise and zero of its sensor."""
 FOLLOWS = 0.1
-"""Share of the variance of the torque against the motion that the size of a signed current explains at least."""
+"""Share of the variance of the torque, in size, that the size of a signed current explains at least."""
 
 _PLAUSIBLE = {
     # base unit: largest plausible value, units that larger values are likely in, where the limit comes from
@@ -406,14 +406,15 @@ def sized_currents(recording: Recording) -> Recording:
     """Take the size of a current that makes a field, where it was logged with a sign; a note says so.
 
     A fluid does not know in which direction its coil is wound. A motor does: there the torque follows the current with
-    its sign, over a line, better than the torque against the motion follows its size, and the sign stays. It stays,
-    too, where the torque has one direction only, as that of two swapped columns.
+    its sign, over a line, better than the torque against the motion follows its size, and half as well as its own size
+    does: the sign stays. It stays, too, where the torque has one direction only, as that of two swapped columns.
     """
     runs = recording.trajectories
     torque, current, qd = (np.concatenate([getattr(run, x) for run in runs]) for x in ("torque", "current", "qd"))
     if recording.units["current"] not in ("A", "V") or current.min() >= -SIGNED * np.abs(current).max():
         return recording
-    even, signed = _follows(np.abs(current), torque * np.sign(qd)), _follows(current, torque)
+    size, signed = np.abs(current), _follows(current, torque)
+    even = max(_follows(size, torque * np.sign(qd)), 0.5 * _follows(size, np.abs(torque - np.median(torque))))
     if current.max() > 0.0 and not (torque.min() < 0.0 < torque.max() and even > max(signed, FOLLOWS)):
         return recording
     negative = int(np.count_nonzero(current < 0.0))

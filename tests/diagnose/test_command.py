@@ -98,13 +98,16 @@ def test_the_extended_model_is_a_known_model(answer: Path, tmp_path: Path) -> No
     assert again["verdict"] == "none" and not again["causes"]
 
 
-def test_a_cause_that_is_not_looked_for_is_not_answered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``--without`` takes the true cause out of the first answer; a name that is none is refused with the nearest."""
+def test_a_cause_that_is_not_looked_for_or_kept_is_not_answered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``--without`` and ``--keep`` take the true cause out of the first answer; other names are refused."""
     folder = tmp_path / "bench"
     options = ["--trajectories", "4", "--samples", "3000", "--evaluation-samples", "0", "--only", "coil_lag=0.02"]
     assert cli.main(["bench", "--out", str(folder), *options]) == 0
-    for words, there in (([], True), (["--without", "coil_lag", "command_delay"], False)):
-        out = tmp_path / f"found{there}"
+    cases = {"all": [], "without": ["--without", "coil_lag", "command_delay"], "keep": ["--keep", "coil_lag"]}
+    for name, words in cases.items():
+        out, there = tmp_path / name, not words
         assert cli.main(["diagnose", "joint", str(folder / "fit"), "--quick", "--out", str(out), *words]) == 0
         suspects = json.loads((out / "result.json").read_text())["suspects"]
         assert ("coil_lag" in [suspect["name"] for suspect in suspects]) is there
@@ -112,3 +115,22 @@ def test_a_cause_that_is_not_looked_for_is_not_answered(tmp_path: Path, capsys: 
     wrong = ["diagnose", "joint", str(folder / "fit"), "--without", "coil_lagg", "--out", str(tmp_path / "x")]
     assert cli.main(wrong) == 2
     assert "--without coil_lagg: no such effect; did you mean 'coil_lag'" in capsys.readouterr().err
+    assert cli.main([*wrong[:3], "--keep", "coil_lag", "--without", "coil_lag", "--out", str(tmp_path / "x")]) == 2
+    assert "--keep coil_lag: --without coil_lag" in capsys.readouterr().err
+    assert cli.main([*wrong[:3], "--keep", "wear", "current_gain", "--out", str(tmp_path / "x")]) == 2
+    assert "--keep current_gain" in capsys.readouterr().err and not (tmp_path / "x" / "result.json").exists()
+
+
+@pytest.mark.slow
+def test_a_kept_cause_has_its_size_in_the_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A lag of 12 ms that is kept is fitted, stated in the notes, and nothing else is missing."""
+    options = ["--trajectories", "16", "--samples", "16000", "--evaluation-samples", "0", "--only", "coil_lag=0.012"]
+    assert cli.main(["bench", "--out", str(tmp_path / "bench"), *options]) == 0
+    out = tmp_path / "found"
+    words = ["diagnose", "joint", str(tmp_path / "bench" / "fit"), "--keep", "coil_lag", "--out", str(out)]
+    assert cli.main(words) == 0
+    result, model = json.loads((out / "result.json").read_text()), load_model(out / "model.json")
+    assert result["verdict"] == "none" and any("--keep" in note for note in result["notes"])
+    lag = next(effect for effect in model.effects if effect.name == "coil_lag")
+    assert lag.values["time_constant"] == pytest.approx(0.012, rel=0.05)
+    assert "--keep" in capsys.readouterr().out

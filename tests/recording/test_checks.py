@@ -6,6 +6,7 @@ import gzip
 import random
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ import pytest
 
 from mrwarp import cli
 from mrwarp.recording import load as recording
+from mrwarp.recording.column_checks import sized_currents
 from mrwarp.recording.load import COLUMNS, RecordingError, load_holding, load_recording
+from tests.identify.synthetic import bench_like
 from tests.recording.recordings import DEG, columns, write
 
 
@@ -427,6 +430,21 @@ def test_a_negative_current_of_a_coil_counts_by_its_size(
     found = load_recording(write(tmp_path / "signed.csv", data))
     np.testing.assert_array_equal(found.trajectories[0].current, plain.trajectories[0].current)
     assert any("which count by their size" in line for line in found.repaired()) is sized
+
+
+@pytest.mark.parametrize("by_run", [True, False])
+def test_a_bench_that_turns_its_current_round_counts_by_its_size(by_run: bool) -> None:
+    """The paper's joint, whose hysteresis hides the motion's direction: every second run, or every half second."""
+    plain = bench_like(1, runs=8, seconds=4.0)
+    turned = tuple(
+        replace(run, current=run.current * np.where((k if by_run else np.arange(len(run.t)) // 80) % 2, 1.0, -1.0))
+        for k, run in enumerate(plain.trajectories)
+    )
+    found = sized_currents(replace(plain, trajectories=turned))
+    assert all(
+        np.array_equal(a.current, b.current) for a, b in zip(found.trajectories, plain.trajectories, strict=True)
+    )
+    assert [repair.kind for repair in found.repairs] == ["sized"]
 
 
 @pytest.mark.parametrize("motor", [True, False])

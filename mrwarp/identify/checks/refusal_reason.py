@@ -60,9 +60,17 @@ def explains_nothing(
 
 
 def followed_instead(
-    data: Dataset, units: Mapping[str, str], gain: Gain | None = None, *, every_effect: bool = False
+    data: Dataset,
+    units: Mapping[str, str],
+    gain: Gain | None = None,
+    *,
+    every_effect: bool = False,
+    left: np.ndarray | None = None,
 ) -> str:
-    """Cause of a torque that eqs. 14 and 15 miss, with a remedy; empty where nothing shows it."""
+    """Cause of a torque that eqs. 14 and 15 miss, with a remedy; empty where nothing shows it.
+
+    ``left`` is what a model leaves of it, shape (N,); None: what the plainest laws do.
+    """
     gain = gain or Gain()
     angle, torque = quantity("q", units), quantity("torque", units)
     if hardly := hardly_moves([data.q[part] * data.scales.q for part in data.parts], units):
@@ -74,7 +82,7 @@ def followed_instead(
         )
     named = "" if every_effect else "; eq. 14 has no such term: mrwarp diagnose looks for it, and writes the model"
     plain = _plain_laws(data)
-    rest = _rest(plain, data.torque)
+    rest = _rest(plain, data.torque) if left is None else left - left.mean()
     qdd = np.concatenate([np.gradient(data.qd[part], dt) for part, dt in zip(data.parts, data.dt, strict=True)])
     moved = _rest(plain, qdd)
     by_inertia = 0.0
@@ -86,10 +94,10 @@ def followed_instead(
     )
     if by_inertia > max(gain.half, in_all):
         share = 100.0 * by_inertia
-        return f"{share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
+        return f"{share:.0f} % of what is left goes with the acceleration, as an inertia's {torque} does{named}"
     if in_all > gain.half:
         return (
-            f"{100.0 * in_all:.0f} % of what they leave comes again at the same {angle} in all runs, as cogging or a "
+            f"{100.0 * in_all:.0f} % of what is left comes again at the same {angle} in all runs, as cogging or a "
             f"weight's {torque} does{named}"
         )
     if in_each > gain.half:
@@ -97,7 +105,7 @@ def followed_instead(
         load = "cogging that" if cogs else "a load that depends on the place, such as a weight or a spring, and"
         differs = f"differs between runs{f', or an {angle} that begins elsewhere in each' if cogs else ''}"
         return (
-            f"{100.0 * in_each:.0f} % of what they leave comes again at the same {angle} within each run, but "
+            f"{100.0 * in_each:.0f} % of what is left comes again at the same {angle} within each run, but "
             f"{100.0 * max(in_all, 0.0):.0f} % from run to run. It looks like {load} {differs}; keep it the same, or "
             f"take it out of the {torque}, and try again"
         )

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.held_out import Account, Share
+from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.report.diagnosis_page import render
 from mrwarp.diagnose.report.overview_pictures import NAMES
 from mrwarp.diagnose.report.printed import lines
@@ -168,3 +170,24 @@ def test_numbers_without_an_interval_survive() -> None:
         found = text.readable(Value(value=0.01, ci95=(-bad, bad), unit="s"))
         assert "inf" not in found.value + found.interval and "nan" not in found.value + found.interval
     assert chance(float("nan")) == "unknown" and percent(float("inf")) == "unknown"
+
+
+def test_no_bound_is_above_what_a_model_reached() -> None:
+    """Boosting that leaves more than the extended model does sets no limit to models."""
+    d = made_up.make("named")
+    share = Share(share=0.0, ci95=(0.0, 0.0))
+    rest = dataclasses.replace(share, share=1.0)
+    account = Account(named=share, repeatable=share, not_repeatable=rest, left=0.1, cycle_spread=None, learnable=share)
+    page = render(dataclasses.replace(d, account=account), "c", pictures={})
+    shown = re.findall(r"([\d.]+) %[^%]*no model gets below", page)
+    assert shown == [percent(d.extended.nrmse).split()[0]] and d.extended.nrmse < d.baseline.nrmse
+
+
+def test_a_law_that_gains_nothing_states_no_error_and_cogging_is_per_turn() -> None:
+    """Errors that print alike are no gain; what repeats along an angle is counted per turn."""
+    for after, shown in ((0.9976, False), (0.9, True)):
+        law = LawChoice(name="dahl", held_out={"bouc_wen": 0.998, "dahl": after}, rival=0.998, simpler=True)
+        sentence = text.sentence_of(dataclasses.replace(made_up.make("none"), law=law))
+        assert "simpler" in sentence and ("→" in sentence) is shown
+    periods = Value(value=14.007, ci95=(14.005, 14.009), unit="1/rad")
+    assert text.readable(periods, parameter_of("cogging", "periods")).value == "14.01 per turn"
