@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from benchmarks.confusion.case import NOISES, Case, write_case
+from benchmarks.confusion.case import NOISES, write_case
 from benchmarks.confusion.families import FAMILIES, Plan
 from benchmarks.confusion.motion import SIZES
 from benchmarks.confusion.suite import SuiteError, read_cases, run_case, run_suite
@@ -28,10 +28,6 @@ def main() -> int:
     parser.add_argument("--truth-rate", type=float, help="lowest rate of the truth's steps in 1/s (default: 2000)")
     parser.add_argument("--joined", action="store_true", help="each session as one run, without a stop")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0 runs in this one")
-    parser.add_argument("--check-gain", action="store_true", help="compare claimed gains with untouched sessions")
-    parser.add_argument(
-        "--resolve", action="store_true", help="where the verdict is ambiguous, make the proposed experiment as well"
-    )
     parser.add_argument("--known", action="store_true", help="what is hidden is known: ask for its size only")
     parser.add_argument("--method", choices=("proof", "evidence"), default="proof", help="how causes are searched")
     parser.add_argument("--out", metavar="DIR", help="folder of cases.jsonl; cases in it are not run again")
@@ -62,7 +58,7 @@ def main() -> int:
         cases = read_cases(args.out) if args.report else _run(plan, args)
     except (SuiteError, ValueError) as error:
         parser.error(str(error))
-    print(f"\n{report(plan, cases)}")
+    print(f"\n{report(cases)}")
     return 0
 
 
@@ -75,8 +71,6 @@ def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
         args.sets,
         args.out,
         jobs=args.jobs,
-        check_gain=args.check_gain,
-        resolve=args.resolve,
         known=args.known,
         method=args.method,
         report=report,
@@ -86,14 +80,10 @@ def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
 def _one(plan: Plan, args: argparse.Namespace) -> None:
     if args.keep:
         case = plan.make(args.only)
-        if not isinstance(case, Case):
-            raise SuiteError("--keep: a joint without a device has no second session; leave it out")
         write_case(case, args.keep)
         print(f"{args.keep}: {len(case.recording.trajectories)} trajectories, {'+'.join(case.truth.kinds) or 'none'}")
         return
-    found = run_case(
-        plan, args.only, check_gain=args.check_gain, resolve=args.resolve, known=args.known, method=args.method
-    )
+    found = run_case(plan, args.only, known=args.known, method=args.method)
     print(json.dumps(found, indent=1, default=float, ensure_ascii=False))
 
 

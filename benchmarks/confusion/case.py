@@ -27,9 +27,6 @@ _NEAR = 0.04
 _ATTEMPTS = 8
 """Sessions that are drawn at most; then the one with the nearest level is taken."""
 
-_REPEATED, _SESSIONS = 8, 100
-"""The seed's streams for the noise of a repeated session, and of further ones."""
-
 COLOUR_TIME = 0.05
 """Correlation time of the coloured noise [s]."""
 
@@ -171,33 +168,12 @@ class Case:
         ideal = self.rendering.torque * simulate(self.device, self.motion).torque
         return float(np.sqrt(np.mean((logged - ideal) ** 2)) / logged.std())
 
-    @cached_property
-    def untouched(self) -> Recording:
-        """Another session with the same device: new motion, new noise."""
-        return self.session(0)
-
-    def session(self, k: int) -> Recording:
-        """One of many such sessions."""
-        motion = make_session(
-            size=self.settings.get("size", "large"),
-            rate=self.motion.rate,
-            seed=_stream(self.seed, 4, *([k] if k else [])),
-            clock_error=self.settings.get("clock_error", 0.005),
-            truth_rate=self.settings.get("truth_rate", TRUTH_RATE),
-        )
-        return self.record(motion, stream=_SESSIONS + k if k else 5)
-
-    @cached_property
-    def repeated(self) -> Recording:
-        """The programme of motion and current repeated from the session's begin: new noise only."""
-        return self.record(self.motion, stream=_REPEATED)
-
     def record(self, motion: Motion, *, stream: int, noise: Noise | None = None) -> Recording:
         """Run the case's device through any motion and log it.
 
         Args:
             motion: Motion and command.
-            stream: Which of the seed's streams the noise takes; 3, 5, 8 and those from 100 are taken.
+            stream: Which of the seed's streams the noise takes.
             noise: Other noise than the case's.
         """
         return _log(
@@ -358,11 +334,10 @@ def make_joint(kind: str, law: str, *, share: float, seed: int) -> JointCase:
     return JointCase(seed=seed, recording=joint.recording(), truth=truth, level=share if joint.hidden else 0.0)
 
 
-def write_case(case: Case, folder: str | Path) -> None:
-    """Write a case as CSV files (docs/data.md), its untouched session in ``untouched/``, and ``truth.json``."""
+def write_case(case: Case | JointCase, folder: str | Path) -> None:
+    """Write a case as CSV files (docs/data.md) and ``truth.json``."""
     folder = Path(folder)
     write_recording(case.recording, folder)
-    write_recording(case.untouched, folder / "untouched")
     truth = {**asdict(case.truth), "depends_on": sorted(case.truth.depends_on), "level": case.level, "seed": case.seed}
     (folder / "truth.json").write_text(json.dumps(truth, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
@@ -388,7 +363,7 @@ def write_recording(recording: Recording, folder: str | Path) -> None:
 
 
 def _stream(seed: int, *stream: int) -> np.random.SeedSequence:
-    """Independent random streams of one seed: motion, device, effects, noise, and both again for the second session."""
+    """Independent random streams of one seed: motion, device, effects, noise."""
     return np.random.SeedSequence([seed, *stream])
 
 

@@ -16,12 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.confusion.case import Case
 from benchmarks.confusion.effects import CALIBRATION
-from benchmarks.confusion.experiment import Proposal, with_experiment
 from benchmarks.confusion.families import Plan
 from benchmarks.confusion.verdicts import coverage, judge, record_of
-from mrwarp.recording.load import Recording
 
 Diagnose = Callable[..., Any]
 """``diagnose(recording, seed=...)`` -> result."""
@@ -31,9 +28,6 @@ CASES = "cases.jsonl"
 
 SETTINGS = "settings.json"
 """File of the plan, in the output folder."""
-
-SESSIONS = 4
-"""Sessions with new motion on which a claimed gain is checked: one alone errs by as much as the claim."""
 
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
@@ -46,8 +40,6 @@ def run_case(
     plan: Plan,
     index: int,
     *,
-    check_gain: bool = False,
-    resolve: bool = False,
     known: bool = False,
     method: str = "proof",
     diagnose: Diagnose | None = None,
@@ -57,8 +49,6 @@ def run_case(
     Args:
         plan: The suite.
         index: Which case.
-        check_gain: Compare the claimed gain with that on untouched sessions.
-        resolve: Where the verdict is ambiguous, make the experiment that it asks for and diagnose again.
         known: Only the hidden effects may be named: asks for their sizes and intervals, in a quarter of the time.
         method: How causes are searched.
         diagnose: The diagnosis; None takes ``mrwarp.diagnose.pipeline``.
@@ -90,10 +80,6 @@ def run_case(
     calibration = any(kind in CALIBRATION for kind in truth.kinds)
     outcome, remark = judge(truth, calibration, found)
     out |= {**found, "outcome": outcome, "remark": remark, "coverage": coverage(truth, found)}
-    if check_gain and isinstance(case, Case):
-        out |= _untouched_gains(result, case)
-    if resolve and isinstance(case, Case) and "ambiguous" in (outcome, remark.split(",")[0]):
-        out["resolved"] = _resolved(result, case, diagnose)
     return out
 
 
@@ -105,54 +91,12 @@ def _how(effects: Sequence[str] | None, method: str) -> dict[str, Any]:
     }
 
 
-def _resolved(result: Any, case: Case, diagnose: Diagnose) -> dict[str, Any]:
-    """Outcome of the experiment that an ambiguous verdict asks for."""
-    proposal = Proposal.of(result)
-    if proposal is None:
-        return {"result": "not proposed"}
-    out = {**asdict(proposal), "what": result.next_experiment.what}
-    recording = with_experiment(case, proposal)
-    out["trajectories"] = len(recording.trajectories) - len(case.recording.trajectories)
-    try:
-        found = record_of(diagnose(recording, seed=case.seed))
-    except Exception as error:
-        return {**out, "result": "failed", "remark": f"{type(error).__name__}: {error}"}
-    outcome, remark = judge(case.truth, any(kind in CALIBRATION for kind in case.truth.kinds), found)
-    result = "resolved" if outcome == "right" else outcome
-    return {**out, "result": result, "remark": remark, "verdict": found["verdict"], "causes": found["causes"]}
-
-
-def _untouched_gains(result: Any, case: Case) -> dict[str, Any]:
-    """1 - RMSE(extended)/RMSE(baseline), which is what ``gain.rmse_reduction`` claims, on data that took no part.
-
-    ``repeated_gain``: on the same programme of motion, recorded again; ``session_gains``: on sessions with new motion,
-    ``untouched_gain``: on all of these together. Empty where nothing was named or the result lacks the methods
-    ``baseline_rmse`` and ``extended_rmse``.
-    """
-    if not (result.causes and hasattr(result, "extended_rmse") and hasattr(result, "baseline_rmse")):
-        return {}
-
-    def errors(recording: Recording) -> tuple[float, float]:
-        return float(result.baseline_rmse(recording)), float(result.extended_rmse(recording))
-
-    again = errors(case.repeated)
-    before, after = np.array([errors(case.session(k)) for k in range(SESSIONS)]).T
-    return {
-        "claimed_interval": list(result.gain.ci95),
-        "repeated_gain": 1.0 - again[1] / again[0],
-        "session_gains": [float(x) for x in 1.0 - after / before],
-        "untouched_gain": 1.0 - float(np.sqrt((after**2).sum() / (before**2).sum())),
-    }
-
-
 def run_suite(
     plan: Plan,
     sets: int,
     out: str | Path,
     *,
     jobs: int = 1,
-    check_gain: bool = False,
-    resolve: bool = False,
     known: bool = False,
     method: str = "proof",
     diagnose: Diagnose | None = None,
@@ -165,8 +109,6 @@ def run_suite(
         sets: Number of cases.
         out: Folder of ``cases.jsonl``; made if needed.
         jobs: Processes, each with one thread; 0 runs in this process.
-        check_gain: As in :func:`run_case`.
-        resolve: As in :func:`run_case`.
         known: As in :func:`run_case`.
         method: As in :func:`run_case`.
         diagnose: As in :func:`run_case`; must be importable by name where ``jobs`` > 0.
@@ -177,9 +119,7 @@ def run_suite(
     """
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
-    settings = json.loads(json.dumps({**asdict(plan), "check_gain": check_gain}))
-    if resolve:
-        settings["resolve"] = True
+    settings = json.loads(json.dumps(asdict(plan)))
     if known:
         settings["known"] = True
     if method != "proof":
@@ -191,7 +131,7 @@ def run_suite(
     done = {case["index"]: case for case in read_cases(out)}
     left = [index for index in range(sets) if index not in done]
     with (out / CASES).open("a", encoding="utf-8") as stream:
-        how = {"check_gain": check_gain, "resolve": resolve, "known": known, "method": method, "diagnose": diagnose}
+        how = {"known": known, "method": method, "diagnose": diagnose}
         for case in _cases(plan, left, jobs, how):
             stream.write(json.dumps(case, default=_plain, ensure_ascii=False) + "\n")
             stream.flush()
@@ -253,14 +193,4 @@ def _line(case: dict[str, Any]) -> str:
     names = "+".join("|".join([c["name"], *c["alternatives"]]) for c in case.get("causes", []))
     found = f"{case.get('verdict')} {names}".strip()
     remark = f" ({case['remark']})" if case["remark"] else ""
-    if "resolved" in case:
-        remark += f", then {_then(case['resolved'])}"
     return f"#{case['index']} {truth} -> {found}: {case['outcome']}{remark}, {case.get('wall', 0.0):.1f} s"
-
-
-def _then(resolved: dict[str, Any]) -> str:
-    if "kind" not in resolved:
-        return str(resolved["result"])
-    names = "+".join("|".join([c["name"], *c["alternatives"]]) for c in resolved.get("causes", []))
-    made = f"{resolved['trajectories']} runs of {resolved['kind']} ({resolved['seconds']:.0f} s asked for)"
-    return f"{made} -> {names or resolved.get('verdict')}: {resolved['result']}"

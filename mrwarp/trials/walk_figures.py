@@ -107,14 +107,6 @@ def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list
     return [*rows, MeasuredPower(name="Go1 standby", joints=standing, measured=standby)]
 
 
-def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -> float:
-    """Power that holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
-
-    ``motors`` is the load of a standing Go1, ``devices`` that of a standing MR_Go whose calves are held.
-    """
-    return float(battery_power(motors, cfg).total) - float(battery_power(devices, cfg).total)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Saving:
     """Saving by SAL against MR_Go in one condition: simulated, the paper's, and by closed form."""
@@ -155,7 +147,7 @@ class Saving:
 def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[Saving]:
     """Saving by SAL in each condition in which both robots arrived; without the paper's for another device.
 
-    ``standing``: what holding saves our standing robots [W], see :func:`standing_saving`.
+    ``standing``: power that holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
     """
     arrived = {r.key: r for r in results if len(r.speed)}
     found = []

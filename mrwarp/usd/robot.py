@@ -84,9 +84,6 @@ CALVES = tuple(f"{leg}_calf" for leg in LEGS)
 CALF_COLUMNS = tuple(JOINTS.index(calf) for calf in CALVES)
 """Columns of the calves on the joint axis."""
 
-HIP_COLUMNS = tuple(k for k, name in enumerate(JOINTS) if name.endswith("_hip"))
-"""Columns of the hips, which swing a leg to the side."""
-
 DEFAULT_POSE = {"hip": 0.0, "thigh": 0.8, "calf": -1.5}
 """Neutral stance angles [rad]. Go1 practice (thigh 0.8, calf -1.5); puts the trunk 0.334 m above flat ground."""
 

@@ -20,11 +20,8 @@ def foreign(kind: str, law: str) -> dict:
 @pytest.mark.parametrize(
     ("kind", "law"),
     [
-        ("cogging", "kwok"),
         ("torque_sensor_lag", "kwok"),
         ("friction_asymmetry", "spencer"),
-        ("coulomb_friction", "guo"),
-        ("series_compliance", "kwok"),
         ("backlash", "guo"),
     ],
 )

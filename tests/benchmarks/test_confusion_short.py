@@ -38,29 +38,28 @@ def misled(found: list[Case]) -> list[Case]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("third", [0, 1, 2])
-def test_most_effects_are_named(third: int) -> None:
-    """Every effect of the contract: none is taken for another, at most one of a third is missed."""
-    found = cases(Plan(family="single", level=0.8, seed=4, size="small", kinds=SINGLE[third::3]), len(SINGLE[third::3]))
+def test_most_effects_are_named() -> None:
+    """A third of the contract's effects: none is taken for another, at most one is missed."""
+    found = cases(Plan(family="single", level=0.8, seed=4, size="small", kinds=SINGLE[::3]), len(SINGLE[::3]))
     assert not misled(found) and hits(found, ("right", "ambiguous", "other")) >= len(found) - 1
 
 
 @pytest.mark.slow
 def test_clean_data_of_all_noises_raise_no_alarm() -> None:
-    """Realistic, harsh and clean noise, coefficients 2 and 20 % off: no effect is named."""
-    assert not misled(cases(Plan(family="none", seed=5, size="small"), 8))
+    """Realistic, harsh and clean noise: no effect is named."""
+    assert not misled(cases(Plan(family="none", seed=5, size="small"), 3))
 
 
 @pytest.mark.slow
 def test_structure_outside_the_catalogue_is_left_over() -> None:
-    """All that is outside the catalogue: never named, mostly found."""
-    found = cases(Plan(family="uncatalogued", level=0.8, seed=6, size="small"), len(UNCATALOGUED))
-    assert not misled(found) and hits(found) >= len(found) - 2
+    """Half of what is outside the catalogue: never named, mostly found."""
+    found = cases(Plan(family="uncatalogued", level=0.8, seed=6, size="small"), len(UNCATALOGUED) // 2)
+    assert not misled(found) and hits(found) >= len(found) - 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["pairs", "background"])
 def test_two_causes_are_not_taken_for_others(family: str) -> None:
     """Two effects, or one next to uncatalogued structure: every named effect was hidden."""
-    found = cases(Plan(family=family, level=0.8, seed=7, size="small"), 4)
+    found = cases(Plan(family=family, level=0.8, seed=7, size="small"), 2)
     assert not misled(found) and hits(found, ("right", "ambiguous", "other")) >= len(found) - 1

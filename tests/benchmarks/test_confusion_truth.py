@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -135,8 +134,7 @@ def test_seed_decides_everything() -> None:
         for a, b in zip(one.recording.trajectories, same.recording.trajectories, strict=True):
             np.testing.assert_array_equal(getattr(a, channel), getattr(b, channel))
     assert one.truth == same.truth and one.truth.base != other.truth.base
-    first, fresh, another = (r.trajectories[0].torque for r in (one.recording, one.untouched, other.recording))
-    assert not np.allclose(first, fresh) and not np.allclose(first, another)
+    assert not np.allclose(*(case.recording.trajectories[0].torque for case in (one, other)))
 
 
 def test_noise_is_as_stated() -> None:
@@ -233,7 +231,6 @@ def test_files_hold_the_recording(tmp_path: Path) -> None:
             np.testing.assert_array_equal(getattr(a, channel), getattr(b, channel))
         rounded = 100.0 * ROUNDING * np.abs(b.q).max() / b.dt  # a slope by sums over 21 samples
         np.testing.assert_allclose(a.qd, b.qd, rtol=0.0, atol=rounded)
-    assert len(load_recording(tmp_path / "untouched").trajectories) == len(read.trajectories)
     with pytest.raises(ValueError, match="without velocity"):
         make_case("velocity_lag", level=0.4, seed=0, velocity=False)
 
@@ -258,8 +255,6 @@ def _result(verdict: str | None, *causes: tuple[str, tuple[str, ...]], depends_o
         recording_faults=(),
         account=None,
         seconds=0.0,
-        baseline_rmse=lambda recording: 0.0241,
-        extended_rmse=lambda recording: 0.0224,
     )
 
 
@@ -324,9 +319,8 @@ def test_suite_resumes_and_prints(tmp_path: Path) -> None:
     assert cases[0]["seed"] == 3 * 100_003 and cases[0]["coverage"][0]["covered"]
     again = run_suite(plan, 4, tmp_path, jobs=0, diagnose=blames_the_coil, report=lines.append)
     assert len(lines) == 4 and again == json.loads(json.dumps(cases))
-    text = report(plan, cases)
-    print(text)
-    assert "2/4" in text and "NOT MET" in text and "coil_lag" in text and "median" in text
+    text = report(cases)
+    assert "2/4" in text and "coil_lag" in text and "median" in text
     with pytest.raises(SuiteError, match="another suite"):
         run_suite(dataclasses.replace(plan, level=0.8), 4, tmp_path, jobs=0, diagnose=blames_the_coil)
 
@@ -357,32 +351,6 @@ def test_failures_are_outcomes() -> None:
 
     case = run_case(Plan(family="none", size="small"), 0, diagnose=breaks)
     assert case["outcome"] == "failed" and "ZeroDivisionError" in case["remark"]
-
-
-def test_gain_on_the_untouched_session() -> None:
-    """The claimed gain is compared with one on a session that was not diagnosed."""
-    plan = Plan(family="single", size="small", kinds=("coil_lag",))
-    case = run_case(plan, 0, check_gain=True, diagnose=blames_the_coil)
-    gains = [case["untouched_gain"], case["repeated_gain"], *case["session_gains"]]
-    assert len(gains) == 6 and gains == pytest.approx([1.0 - 0.0224 / 0.0241] * 6)
-    text = report(plan, [case])
-    assert re.search(r"same motion again +1/1 ", text) and re.search(r"such session of another\) +12/12 ", text)
-    assert re.search(r"interval holds that of new motion +1/1 ", text)
-
-
-def test_sessions_differ_in_motion_and_repeats_in_noise_alone() -> None:
-    """A repeated session has the recording's motion and current, and other noise of the same size."""
-    case = make_case("coil_lag", level=0.4, seed=7, size="small")
-    first, again = case.recording.trajectories[0], case.repeated.trajectories[0]
-    np.testing.assert_array_equal(first.current, again.current)
-    np.testing.assert_array_equal(first.q, again.q)
-    pairs = zip(case.recording.trajectories, case.repeated.trajectories, strict=True)
-    differ = np.array([np.std(a.torque - b.torque) for a, b in pairs])
-    error = differ.std(ddof=1) / np.sqrt(len(differ))  # of two noises; gains add half a per cent
-    assert differ.mean() == pytest.approx(np.sqrt(2.0) * case.noise.sigma, abs=4.0 * error)
-    runs = [case.session(k).trajectories[0].q for k in range(3)]
-    assert np.array_equal(runs[0], case.untouched.trajectories[0].q)
-    assert all(np.abs(a - b).max() > 0.01 for a, b in ((runs[0], runs[1]), (runs[1], runs[2]), (runs[0], first.q)))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

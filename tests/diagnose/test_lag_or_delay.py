@@ -27,15 +27,7 @@ def steps(
     return StepResponses(late=late, error=np.full(late.shape, noise), trajectory=trajectory, dt=DT)
 
 
-@pytest.mark.parametrize(
-    ("size", "common"),
-    [
-        (0.002, True),
-        (0.004, False),
-        pytest.param(0.002, False, marks=pytest.mark.slow),
-        pytest.param(0.004, True, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("size", "common"), [(0.002, True), (0.004, False)])
 @pytest.mark.parametrize("effect", [LAG, DELAY])
 def test_truth_is_told(effect: str, size: float, common: bool) -> None:
     """In 20 sets the truth is named or nothing, and mostly the truth."""
