@@ -223,18 +223,26 @@ def fit(
         fixed={"q_offset": 0.0, "q_center": 0.0, "z_max": BoucWenParams().z_max, "coil_time_constant": 0.0}
         | limits.given,
         given=limits.given,
-        units=dict(recording.units),
-        source=str(recording.source or "in memory"),
-        samples=len(samples.q),
-        trajectories=len(runs),
-        rate=float(np.median([1.0 / run.dt for run in runs])),
-        current=recording.current_range,
         condition=assessment.condition,
         correlations=assessment.correlations,
         seed=seed,
         held_out=figures["nrmse"] * ratio if len(runs) > 1 else None,
+        **origin(recording),
         **figures,
     )
+
+
+def origin(recording: Recording) -> dict[str, Any]:
+    """The fields of :class:`FitResult` that say what was fitted."""
+    runs = recording.trajectories
+    return {
+        "units": dict(recording.units),
+        "source": str(recording.source or "in memory"),
+        "samples": sum(len(run.q) for run in runs),
+        "trajectories": len(runs),
+        "rate": float(np.median([1.0 / run.dt for run in runs])),
+        "current": recording.current_range,
+    }
 
 
 def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnings: list[str]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from mrwarp.identify.checks.limits import Ends, Limits
 from mrwarp.identify.checks.refusal_reason import missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
 from mrwarp.identify.dataset import Dataset, Motion, Scales
-from mrwarp.identify.fit import FitResult, fit_holding, made_motion, misfit
+from mrwarp.identify.fit import FitResult, fit_holding, made_motion, misfit, origin
 from mrwarp.identify.intervals import Estimate
 from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, Slot, factor_of, jacobian, row_column, simulate
 from mrwarp.identify.projection import Progress
@@ -284,17 +284,12 @@ def fit_law(
         | {"q_center": centre, "z_max": BoucWenParams().z_max, "beta": 1.0}
         | {name: value for name, value in limits.given.items() if name in LINEAR},
         given=limits.given,
-        units=dict(recording.units),
-        source=str(recording.source or "in memory"),
-        samples=len(motion.q),
-        trajectories=len(runs),
-        rate=float(np.median([1.0 / run.dt for run in runs])),
-        current=recording.current_range,
         condition=1.0,
         seed=seed,
         effects=effects,
         offsets=offsets,
         held_out=held if len(runs) > 1 else None,
+        **origin(recording),
         **misfit(recording, simulated, motion, warnings),
     )
 

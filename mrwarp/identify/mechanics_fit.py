@@ -16,7 +16,7 @@ from mrwarp.identify.checks.limits import Limits
 from mrwarp.identify.checks.lone_samples import ROUNDS, beside_spikes, far_off, find_spikes
 from mrwarp.identify.contradictions import refuse_contradictions
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.fit import PARAMETERS, FitResult, fit, made_motion, misfit
+from mrwarp.identify.fit import PARAMETERS, FitResult, fit, made_motion, misfit, origin
 from mrwarp.identify.law_fit import LawSearch, Solution, outer_numbers, printed_numbers
 from mrwarp.identify.parameters import LINEAR, SHAPE_PART, Parameters
 from mrwarp.identify.projection import Progress
@@ -162,16 +162,11 @@ def fit_mechanics(
         | {"z_max": BoucWenParams().z_max}
         | {name: value for name, value in limits.given.items() if name in LINEAR},
         given=limits.given,
-        units=dict(recording.units),
-        source=str(recording.source or "in memory"),
-        samples=len(motion.q),
-        trajectories=len(runs),
-        rate=float(np.median([1.0 / run.dt for run in runs])),
-        current=recording.current_range,
         condition=1.0,
         seed=seed,
         effects=effects,
         held_out=held if len(runs) > 1 else None,
+        **origin(recording),
         **misfit(recording, best.torque, motion, warnings),
     )
 
