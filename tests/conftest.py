@@ -29,7 +29,7 @@ _savefig = Figure.savefig
 
 def savefig(figure: Figure, *args: object, **options: object) -> None:
     """Draw without a layout, which takes most of the time, but in tests that are about pictures by their names."""
-    if "picture" not in os.environ.get("PYTEST_CURRENT_TEST", "picture"):
+    if "picture" not in os.environ.get("PYTEST_CURRENT_TEST", "picture").rpartition("::")[2]:
         figure._layout_engine = None  # type: ignore[attr-defined]  # "none" keeps its place, and everything is drawn twice
     _savefig(figure, *args, **options)
 

@@ -194,15 +194,13 @@ def trained_with(task: dict[str, Any], path: Path) -> Path:
 def test_a_policy_brings_the_device_of_its_training(
     small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Played, hit and walked with it, also where its file is gone; an option or another robot's file goes first."""
+    """Played and walked with it, also where its file is gone; an option or another robot's file goes first."""
     model = load_model(small_brake)
     task = record(TaskCfg(model=str(small_brake)))
     assert trained_device(task, "x.onnx") == model and not list(differences(task, TaskCfg(model=str(small_brake))))
     policy = trained_with({"model": "gone.json", "mr_model": task["mr_model"]}, tmp_path / "policy.onnx")
-    for line in (["play", "--seconds", "1"], ["impact", "--trials", "1", "--coupling", "constraint"]):
-        out = tmp_path / line[0]
-        assert main([*line, "--policy", str(policy), "--out", str(out)]) == 0
-        assert "shares of the devices' 1 A" in capsys.readouterr().out
+    assert main(["play", "--seconds", "1", "--policy", str(policy), "--out", str(tmp_path / "play")]) == 0
+    assert "shares of the devices' 1 A" in capsys.readouterr().out
     walk = Walk(policy=policy)
     assert walk.env_cfg().model == model and walk.used(devices_of(walk.env_cfg())) == 1.0
     assert Walk(policy=policy, model="paper").env_cfg().model == "paper"
