@@ -12,7 +12,6 @@ from mrwarp.identify.contradictions import contradictions
 from mrwarp.recording.blocks import in_blocks, is_cut
 from mrwarp.recording.data import NO_INPUT, Recording, quantity, session_clock, true_names
 from mrwarp.recording.saturation import saturated
-from mrwarp.sysid.report.words import both
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import Error, NextExperiment
 
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from mrwarp.diagnose.held_out import HeldOut
     from mrwarp.diagnose.problem import Problem
     from mrwarp.diagnose.result import Diagnosis
-    from mrwarp.diagnose.search import Selection
 
 STANDARD = (
     "record at least 12 trajectories of 4 s or more: current steps while the joint moves, sines of several amplitudes "
@@ -74,18 +72,8 @@ def without_verdict(
     )
 
 
-def rejections(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
-    """Reasons not to believe a finished search: nothing is explained, or the extension predicts no better."""
-    from mrwarp.diagnose.verdict_text import title
-
-    power = float(problem.weight @ (problem.measured - problem.measured.mean()) ** 2) or 1.0
-    before, after = (float(np.sqrt(errors.sum() / power)) for errors in (found.baseline, found.extended))
-    if selection.named and after >= before:
-        return [
-            f"{both(map(title, selection.named))} would fit these data, but unseen trajectories are predicted no "
-            f"better (NRMSE {100.0 * before:.1f} % without, {100.0 * after:.1f} % with): check that all are of one "
-            f"device and one set-up; {STANDARD}"
-        ]
+def rejections(found: HeldOut, problem: Problem) -> list[str]:
+    """Reasons not to believe a finished search: nothing is explained."""
     error, gain = found.predicted_extended - problem.measured, problem.settings.gain
     left = missed(error, problem.measured, problem.weight, gain.share)
     if left >= problem.settings.data.nothing:

@@ -26,12 +26,12 @@ from mrwarp.diagnose.checks.spikes import Spikes, spikes_of
 from mrwarp.diagnose.data_checks import no_verdict_reasons, rejections, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.first_answer import first_answer
-from mrwarp.diagnose.held_out import Account, HeldOut, account_of, hold_out, not_predicted
+from mrwarp.diagnose.held_out import Account, HeldOut, account_of, not_predicted
 from mrwarp.diagnose.joint_evidence import Judged, judged_by_evidence, selected_by_evidence
 from mrwarp.diagnose.law_choice import LawChoice, choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit
-from mrwarp.diagnose.proof import Rejection, select_proven, without_parts
+from mrwarp.diagnose.proof import Rejection, select_proven, through_gate, without_parts
 from mrwarp.diagnose.residual_structure import Line, find_line, without_line
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.diagnose.screening import Candidate, Models, screen
@@ -106,10 +106,11 @@ def diagnose(
         return answer
     session, line = _well_read(_with_law(session, log), log)
     session, models, judged, rejected = _searched(session, method, log)
-    selection = judged.selection
     problem, recording = session.problem, session.recording
-    held_out = hold_out(problem, selection, models.reported(selection.base), models.reported(selection.final))
-    if reasons := rejections(held_out, selection, problem):
+    selection, refused, held_out = through_gate(models, judged.selection, seed)
+    if refused:
+        log(f"refused at the last gate: {', '.join(x.effect for x in refused)}")
+    if reasons := rejections(held_out, problem):
         result = without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
         return replace(result, recording_faults=session.faults)
     selection, parts, held_out, account = _accounted(session, models, selection, held_out, seed, log)
@@ -122,7 +123,7 @@ def diagnose(
         faults=session.faults,
         problem=problem,
         selection=selection,
-        rejected=rejected + parts,
+        rejected=rejected + refused + parts,
         baseline=models.reported(selection.base),
         extended=models.reported(selection.final),
         held_out=held_out,
@@ -329,8 +330,8 @@ def _accounted(
     selection, parts = without_parts(models, selection, found)
     if parts:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
-        held_out = hold_out(problem, selection, models.reported(selection.base), models.reported(selection.final))
-        found = account(held_out)
+        selection, refused, held_out = through_gate(models, selection, seed)
+        parts, found = parts + refused, account(held_out)
     return selection, parts, held_out, found
 
 

@@ -8,12 +8,12 @@ with trajectories as units.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.diagnose.held_out import Account, held_out_squares
+from mrwarp.diagnose.held_out import Account, HeldOut, held_out_squares, hold_out, reduction
 from mrwarp.diagnose.problem import Fit, Problem, covariance, drifts, fit_model, interval, plain_fit
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
@@ -24,6 +24,7 @@ from mrwarp.identify.parameters import LINEAR, YIELDING, row_column
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import by_ratio, two_sizes
 from mrwarp.sysid.jackknife import sum_and_error
+from mrwarp.sysid.last_gate import Change, passed
 from mrwarp.sysid.settings import Proof
 
 _SPEEDS = ("slow and quick motion", "low and high speed")
@@ -120,8 +121,7 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
     rejections: list[Rejection] = []
     if not account.open or not selection.named:
         return selection, ()
-    problem, final = models.problem, selection.final
-    fit = models.reported(final)
+    problem, fit = models.problem, models.reported(selection.final)
     after = float(held_out_squares(problem, fit).sum())
     baseline = float(held_out_squares(problem, models.reported(selection.base)).sum())
     for effect in selection.named:
@@ -134,22 +134,43 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
             much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
             reason = f"what comes again without a name is {much}: this may be a part of it"
             rejections.append(Rejection(effect=effect, reason=reason, gain=max(gain, 0.0), fit=fit))
-            final = models.without(final, effect)
-    if not rejections:
-        return selection, ()
-    unknown = True
-    while unknown:  # what stays has to have a known size without them, too
-        fit = models.reported(final)
-        added, refined = models.added(final), selection.refined
-        reasons = {e: _unknown(e, fit, problem, refined) for e in added}
-        unknown = [e for e, reason in reasons.items() if reason]
-        for effect in unknown:
-            gain = selection.own_gain.get(effect, 0.0) / selection.base.total
-            rejections.append(Rejection(effect=effect, reason=reasons[effect], gain=gain, fit=fit))
-            final = models.without(final, effect)
-    gains = {name: gain for name, gain in selection.own_gain.items() if name in final.effects}
-    left = leftovers(problem, final)
-    return replace(selection, final=final, own_gain=gains, leftovers=left), tuple(rejections)
+    return _without(models, selection, [x.effect for x in rejections]), tuple(rejections)
+
+
+def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selection, tuple[Rejection, ...], HeldOut]:
+    """The selection through the last gate, with what is refused there and the predictions of held-out trajectories."""
+    problem, base = models.problem, models.reported(selection.base)
+
+    def with_only(named: Sequence[str]) -> Selection:
+        return _without(models, selection, [effect for effect in selection.named if effect not in named])
+
+    def errors(named: Sequence[str]) -> tuple[tuple[float, float], dict[str, Change], HeldOut]:
+        own = with_only(named)
+        held = hold_out(problem, own, base, models.reported(own.final))
+        return reduction(held, seed)[1], {"torque": Change.of(held.baseline, held.extended)}, held
+
+    named, refused, held = passed(
+        selection.named,
+        faults=lambda named: _unknown_sizes(with_only(named), models),
+        errors=errors,
+        gains=lambda effect, _: selection.own_gain.get(effect, selection.gain),
+        most=problem.settings.gain.share,
+    )
+    fit = models.reported(selection.final)
+    gains = {e: max(selection.own_gain.get(e, selection.gain), 0.0) / selection.base.total for e in refused}
+    rejections = tuple(Rejection(effect=e, reason=why, gain=gains[e], fit=fit) for e, why in refused.items())
+    return with_only(named), rejections, held
+
+
+def _without(models: Models, selection: Selection, effects: Sequence[str]) -> Selection:
+    """The selection without some of its effects, with what is left over then."""
+    if not effects:
+        return selection
+    final = selection.final
+    for effect in effects:
+        final = models.without(final, effect)
+    own, odds = ({e: x for e, x in of.items() if e not in effects} for of in (selection.own_gain, selection.odds))
+    return replace(selection, final=final, own_gain=own, odds=odds, leftovers=leftovers(models.problem, final))
 
 
 def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
@@ -157,10 +178,7 @@ def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
     if not selection.named:
         return {}
     problem, fit = models.problem, models.reported(selection.final)
-    refined = selection.refined
-    reasons = {e: _unknown(e, fit, problem, refined) for e in selection.named}
-    hides_nothing = {e for e in reasons if reasons.get(KNOWN[e].hidden_by)}
-    reasons = {e: "" if e in hides_nothing and x == _HIDDEN else x for e, x in reasons.items()}
+    reasons = _unknown_sizes(selection, models)
     if not any(reasons.values()):  # next to an impossible effect, nothing else has its true size
         after = held_out_squares(problem, fit)
         for effect in selection.named:
@@ -173,6 +191,14 @@ def _rejections(selection: Selection, models: Models) -> dict[str, Rejection]:
                 reasons[effect] = _halves_rejection(effect, fit, problem)
     gains = {e: selection.own_gain.get(e, selection.gain) / selection.base.total for e in selection.named}
     return {e: Rejection(effect=e, reason=x, gain=gains[e], fit=fit) for e, x in reasons.items() if x}
+
+
+def _unknown_sizes(selection: Selection, models: Models) -> dict[str, str]:
+    """Why the size of each named effect is not possible or not known, or nothing."""
+    fit = models.reported(selection.final)
+    reasons = {e: _unknown(e, fit, models.problem, selection.refined) for e in selection.named}
+    hides_nothing = {e for e in reasons if reasons.get(KNOWN[e].hidden_by)}
+    return {e: "" if e in hides_nothing and x == _HIDDEN else x for e, x in reasons.items()}
 
 
 def _gain_rejection(before: np.ndarray, after: np.ndarray, least_t: float) -> str:

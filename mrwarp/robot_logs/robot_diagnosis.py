@@ -14,6 +14,7 @@ from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY, OUTSIDE, SETUP
 from mrwarp.robot_logs.channels.hidden_dynamics import with_oscillator
+from mrwarp.robot_logs.channels.motion_channels import one_motion
 from mrwarp.robot_logs.channels.torque_channel import consistent
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
@@ -44,7 +45,7 @@ from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, stead
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
 from mrwarp.sysid.jackknife import student
-from mrwarp.sysid.last_gate import Change, impossible, refused
+from mrwarp.sysid.last_gate import Change, impossible, passed
 from mrwarp.sysid.settings import Settings
 from mrwarp.sysid.verdict import (
     NOT_CHECKED,
@@ -184,7 +185,7 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
     """
     progress(f"reading {robot}")
     model = replace(replay_model(robot, log, device), settings=settings)
-    log = consistent(model, log)
+    log = consistent(model, one_motion(log, model.settings))
     model = with_oscillator(model, log)
     least, effort = settings.robot.windows, settings.robot_fit
     groups = cut_windows(model, log, budget=effort.seconds)
@@ -288,27 +289,32 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
     usual = bounds_without(case.parameters, [f.hypothesis for f in found if f not in foreign])
     before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, bounds=usual)
 
-    def errors_of(
-        found: list[Found], near: Likelihood
-    ) -> tuple[Gain, dict[str, tuple[float, float]], dict[str, Change]]:
-        own = ([f.hypothesis for f in foreign], before[1], usual), ([f.hypothesis for f in found], near, wide)
-        return held_out(case.model, case.groups, judged.likelihood, case.parameters, *own)
+    def errors(
+        own: Sequence[Found],
+    ) -> tuple[tuple[float, float], dict[str, Change], tuple[Sizes, Likelihood, Gain, dict[str, tuple[float, float]]]]:
+        healthy, usual_ = before, usual
+        if own == causes:
+            size, near = judged.size, judged.near
+        elif own:
+            size, near = _alone(case, judged, [f for f in found if f in foreign or f in own])
+        else:  # nothing is wrong: the floor may be what it likes
+            healthy, usual_ = _alone(case, judged, foreign), wide
+            size, near = healthy
+        hypotheses = [f.hypothesis for f in found if f in foreign or f in own]
+        pair = ([f.hypothesis for f in foreign], healthy[1], usual_), (hypotheses, near, wide)
+        gain, each, channels = held_out(case.model, case.groups, judged.likelihood, case.parameters, *pair)
+        return gain.ci95, channels, (size, near, gain, each)
 
-    most = float(np.sqrt(1.0 + case.model.settings.robot.share)) - 1.0
-    rejected, (gain, errors, channels) = judged.rejected, errors_of(found, near)
-    while len(found) > len(foreign) and (why := refused(gain.ci95, channels, most)):
-        weakest = min(
-            (f for f in found if f not in foreign),
-            key=lambda f: explained(f, found, judged.likelihood, case.parameters),
-        )
-        found, rejected = [f for f in found if f is not weakest], {**rejected, weakest: why}
-        if len(found) == len(foreign):
-            usual = wide
-            before = _alone(case, judged, foreign)
-        size, near = before if len(found) == len(foreign) else _alone(case, judged, found)
-        gain, errors, channels = errors_of(found, near)
+    causes = [f for f in found if f not in foreign]
+    _, refused, (size, near, gain, each) = passed(
+        causes,
+        errors=errors,
+        gains=lambda f, left: explained(f, [*foreign, *left], judged.likelihood, case.parameters),
+        most=float(np.sqrt(1.0 + case.model.settings.robot.share)) - 1.0,
+    )
+    found, rejected = [f for f in found if f not in refused], {**judged.rejected, **refused}
     found = [replace(f, alternatives=(*f.alternatives, *judged.rivals.get(f.hypothesis, ()))) for f in found]
-    return replace(judged, found=found, rejected=rejected, size=size, near=near), gain, errors
+    return replace(judged, found=found, rejected=rejected, size=size, near=near), gain, each
 
 
 TORQUES = "the drives' torques"

@@ -287,9 +287,10 @@ def _speeds(run: LogRun) -> np.ndarray:
     width = min(7, 2 * ((run.samples - 1) // 2) + 1)
     found = np.asarray(savgol_filter(q, width, 2, deriv=1, delta=run.dt, axis=0))
     logged = run.joint.get("qd")
-    if logged is None or not np.isfinite(logged).all():
+    if logged is None:
         return found
-    return np.asarray(savgol_filter(logged, min(5, width), 2, axis=0))
+    read = np.isfinite(logged).all(axis=0)
+    return np.where(read, savgol_filter(np.nan_to_num(logged), min(5, width), 2, axis=0), found)
 
 
 def _roughness(model: ReplayModel, run: LogRun) -> np.ndarray:
@@ -303,7 +304,7 @@ def _roughness(model: ReplayModel, run: LogRun) -> np.ndarray:
 def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:
     """Channels that a replay is compared with, shape (N, C)."""
     found = {"q": run.joint["q"]}
-    if "qd" in run.joint and np.isfinite(run.joint["qd"]).all():
+    if "qd" in run.joint and np.isfinite(run.joint["qd"]).any():
         found["qd"] = run.joint["qd"]
     if "current" in run.joint and "current_cmd" in run.joint:
         found["current"] = run.joint["current"]

@@ -5,12 +5,16 @@ It asks nothing of how causes were found. What it refuses is a suspect, with the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from mrwarp.sysid.jackknife import student, sum_and_error
+
+Cause = TypeVar("Cause")
+Errors = TypeVar("Errors")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,3 +64,32 @@ def impossible(size: float, most: float, unit: str) -> str:
     if abs(size) <= most:
         return ""
     return f"no body of that size has it: {size:.3g} {unit}, where {most:.3g} {unit} is the most that could be"
+
+
+def passed(
+    causes: Sequence[Cause],
+    *,
+    faults: Callable[[Sequence[Cause]], Mapping[Cause, str]] = lambda causes: {},
+    errors: Callable[[Sequence[Cause]], tuple[tuple[float, float], Mapping[str, Change], Errors]],
+    gains: Callable[[Cause, Sequence[Cause]], float],
+    most: float,
+) -> tuple[list[Cause], dict[Cause, str], Errors]:
+    """Causes that pass together, those that do not with the reason, and the errors of those that pass.
+
+    Args:
+        causes: All that were found.
+        faults: Which of some causes have a size that nothing can have, or none that is known, and why.
+        errors: Interval of the gain of some causes, each channel's change, and what else was computed with them.
+        gains: Gain of one cause among some; the one that gains least goes first.
+        most: Largest growth of a channel's error that is still none [1].
+    """
+    left, out = list(causes), dict[Cause, str]()
+    while True:
+        own = {cause: why for cause, why in faults(left).items() if why}
+        if not own:
+            gain, channels, rest = errors(left)
+            if not left or not (why := refused(gain, channels, most)):
+                return left, out, rest
+            own = {min(left, key=lambda cause: gains(cause, left)): why}
+        out |= own
+        left = [cause for cause in left if cause not in own]

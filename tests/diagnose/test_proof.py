@@ -17,6 +17,7 @@ from mrwarp.diagnose.proof import (
     _possible_alternatives,
     _size_rejection,
     select_proven,
+    through_gate,
     without_parts,
     would_be_negative,
 )
@@ -284,11 +285,31 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
     )
     found, [rejection] = without_parts(models, selection, account)
     assert found.named == ["cogging"] and rejection.effect == "torque_sensor_lag"
-    reason = "its 95 % interval contains zero"
+    assert through_gate(models, found, 0)[:2] == (found, ())
     monkeypatch.setattr(proof, "interval", lambda fit, *at: interval(fit, *at) if len(fit.effects) > 1 else (-1.0, 1.0))
-    found, rejections = without_parts(models, selection, account)
-    assert not found.named and [rejection.effect for rejection in rejections] == ["torque_sensor_lag", "cogging"]
-    assert rejections[1].reason == reason
+    found, [rejection], held = through_gate(models, found, 0)
+    assert not found.named and rejection.reason == "its 95 % interval contains zero"
+    assert (held.baseline == held.extended).all()
+
+
+def test_the_last_gate_lets_through_what_unseen_runs_gain_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lag that is there, next to an inertia that is not: first by its size; where that seems known, by the gain."""
+    problem = known.problem({"torque_sensor_lag": {"time_constant": 0.006}}, at=known.motion(50, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    models = Models(problem, base)
+    true, screened = (screen_candidates(problem, base, names) for names in (["torque_sensor_lag"], ["rotor_inertia"]))
+    lag = select_proven(models, true)[0]
+    both = replace(lag, final=models.grown(lag.final, screened[0]))
+    found, [rejection], held = through_gate(models, both, 0)
+    assert found.named == ["torque_sensor_lag"] and rejection.effect == "rotor_inertia"
+    assert "an inertia is above 0" in rejection.reason
+    assert held.extended.sum() < 0.5 * held.baseline.sum()
+    healthy = known.problem(at=known.motion(50, runs=6, seconds=3.0))
+    monkeypatch.setattr(proof, "_unknown", lambda *_: "")
+    models = Models(healthy, known.fitted(healthy))
+    alone = replace(lag, base=models.base, final=models.grown(models.base, screened[0]), own_gain={})
+    found, [rejection], _ = through_gate(models, alone, 0)
+    assert not found.named and "does not clearly fall" in rejection.reason
 
 
 def test_what_an_effect_can_be_stands_in_its_law(monkeypatch: pytest.MonkeyPatch) -> None:

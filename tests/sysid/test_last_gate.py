@@ -1,9 +1,11 @@
 """The last gate of a cause: a gain beyond chance, no channel that pays for it, a size that a body can have."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from mrwarp.sysid.last_gate import Change, impossible, refused
+from mrwarp.sysid.last_gate import Change, impossible, passed, refused
 
 PIECES = np.random.default_rng(0).uniform(0.8, 1.2, 8)
 
@@ -37,3 +39,32 @@ def test_sizes_that_no_body_has() -> None:
     """A rotor of 204 kg·m² on a joint that moves 0.3."""
     assert "204 kg·m²" in impossible(204.0, 3.0, "kg·m²")
     assert impossible(-2.0, 3.0, "kg·m²") == "" == impossible(204.0, np.inf, "kg·m²")
+
+
+def test_the_weakest_goes_until_what_is_left_passes() -> None:
+    """First what nothing can have, however much it gains; then one by one, by its gain among those that are left."""
+    gains = {"impossible": 9.0, "small": 0.1, "large": 0.4, "none": -0.2}
+    seen: list[list[str]] = []
+
+    def errors(causes: Sequence[str]) -> tuple[tuple[float, float], dict[str, Change], float]:
+        seen.append(list(causes))
+        total = sum(gains[cause] for cause in causes)
+        channels = {"qd": Change.of(PIECES, PIECES * (1.5 if "small" in causes else 0.5))}
+        return (total - 0.1, total + 0.1), channels, total
+
+    left, out, total = passed(
+        list(gains),
+        faults=lambda causes: {cause: "no" if cause == "impossible" else "" for cause in causes},
+        errors=errors,
+        gains=lambda cause, causes: gains[cause] if cause in causes else np.nan,
+        most=0.02,
+    )
+    assert left == ["large"] and list(out) == ["impossible", "none", "small"] and total == 0.4
+    assert out["impossible"] == "no" and "qd grows" in out["small"]
+    assert seen == [["small", "large", "none"], ["small", "large"], ["large"]]
+
+
+def test_nothing_passes_as_nothing() -> None:
+    """Without causes there is nothing to gain."""
+    nothing = passed([], errors=lambda causes: ((0.0, 0.0), {}, len(causes)), gains=lambda *_: 0.0, most=0.0)
+    assert nothing == ([], {}, 0)

@@ -44,7 +44,9 @@ def find_spikes(
         if inside > spikes.locked * outside:
             own = _has_one_sign(left * along, alone & window & ~stuck, settings)
             far &= ~window | stuck if own else ~window | alone
-    for along in (np.sign(samples.qd), np.sign(simulated - np.median(simulated))):
+    # of a glitch of the motion, models make a torque that itself is far off: its own sign would be against the rest
+    usual = _around(simulated, samples)
+    for along in (np.sign(samples.qd), np.sign(usual - np.median(simulated))):
         if _has_one_sign(left * along, far & ~stuck, settings):
             # of a joint that goes one way, spikes of one sign are along the motion, too
             far &= alone if abs(float(along.mean())) > spikes.one_sign else stuck
@@ -79,8 +81,13 @@ def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:
 
     What an event leaves of a mechanism goes on in the next samples.
     """
-    around = np.concatenate([median_filter(left[part], 2 * _AFTER + 1) for part in samples.parts])
+    around = _around(left, samples)
     return np.abs(left - around) > np.abs(around)
+
+
+def _around(x: np.ndarray, samples: Dataset) -> np.ndarray:
+    """The middle one of the samples about each, shape (N,)."""
+    return np.concatenate([median_filter(x[part], 2 * _AFTER + 1) for part in samples.parts])
 
 
 def _rate(far: np.ndarray, at: np.ndarray) -> float:

@@ -75,6 +75,18 @@ def test_spikes_of_one_sign_are_found_where_a_joint_goes_one_way() -> None:
     assert not found(at, left).any()
 
 
+def test_glitches_of_the_motion_are_spikes_of_no_sign() -> None:
+    """The model makes a torque of them that was never there: against its own sign in each, with no law in the rest."""
+    at, left = measured()
+    rng = np.random.default_rng(2)
+    where = np.sort(rng.choice(len(left), 40, replace=False))
+    glitch = np.zeros(len(left))
+    glitch[where] = rng.uniform(2.0, 6.0, 40) * rng.choice([-1.0, 1.0], 40)
+    off = dataclasses.replace(at, torque=at.torque + left)
+    spikes = find_spikes(left - glitch, at.torque + glitch, off, np.ones(len(left), dtype=bool))
+    np.testing.assert_array_equal(np.flatnonzero(spikes), where)
+
+
 def test_what_has_a_law_is_no_spike() -> None:
     """After each step of the current, after each reversal, along the motion, too many, or too small."""
     at, noise = measured()

@@ -101,9 +101,8 @@ def test_spikes_decide_neither_a_fit_nor_a_diagnosis() -> None:
     held = HeldOut(
         baseline=squares, extended=squares, predicted_baseline=torque, predicted_extended=torque + error, agreed=1.0
     )
-    selection: Any = SimpleNamespace(named=())
     problem: Any = SimpleNamespace(measured=torque, weight=weight, motion=None, units={}, settings=Settings())
-    assert rejections(held, selection, problem) == []
+    assert rejections(held, problem) == []
 
 
 def cogging_motor(k: int, rng: np.random.Generator) -> Trajectory:
