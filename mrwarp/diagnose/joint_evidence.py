@@ -22,6 +22,8 @@ _FITTED = 5
 """Most effects that are fitted in each step."""
 _SHIFT = 0.5
 """Standard deviation of the time between two samples at which a law acts [samples]."""
+_ROUNDING = 1e-6
+"""Relative rounding of products of rows in single precision: with it, no sum of rows has a negative power."""
 
 
 class JointPlant:
@@ -74,7 +76,8 @@ class JointPlant:
         counts = np.add.reduceat(problem.weight, problem.motion.start[:-1])
         counts = np.maximum(counts * equations.count / max(float(counts.sum()), 1.0), 1.0)
         live = [i for i in fit.free if equations.total[i, i] > 1e-9 * equations.count]
-        return Signals(grams=equations.parts, counts=counts, live=live, group=self.group, forms=forms)
+        grams = equations.parts * (1.0 + _ROUNDING * np.eye(equations.parts.shape[-1]))
+        return Signals(grams=grams, counts=counts, live=live, group=self.group, forms=forms)
 
     def title(self, name: str) -> str:
         """A cause, or a nameless group in words."""
@@ -179,7 +182,7 @@ def _judged(plant: JointPlant, found: Found[Fit, str], selection: Selection) -> 
         signals = plant.signals_of(fit, rows, np.ones(len(torques) - 1))
         grams, counts = signals.grams / found.correlation, signals.counts / found.correlation
         signals = replace(signals, grams=grams, counts=counts)
-        needed = 2.0 * found.needed + np.log(counts.sum())
+        needed = 2.0 * plant.problem.settings.odds.enters + np.log(counts.sum())
         return showing(signals, found.discrepancy, found.nameless) / needed
 
     return Judged(selection=_with_evidence(plant, found, selection), rejected=_rejections(plant, found), shows=shows)

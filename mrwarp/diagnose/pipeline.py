@@ -293,7 +293,8 @@ def _searched(
     """
     models = Models(session.problem, session.base)
     judged, rejected = _found(models, session, method, log)
-    most = rejected[0].fit if rejected else judged.selection.final
+    final = judged.selection.final
+    most = rejected[0].fit if rejected and not models.added(final) else final
     noise = learn_noise(session.problem, most)
     if noise.gain < session.problem.settings.gain.half * session.problem.noise.gain:
         log(f"noise without {', '.join(most.effects)}")

@@ -1,8 +1,8 @@
 """Which causes a plant has, by evidence: named causes and nameless structure enter and leave one model.
 
 A model is the plant with some causes and some groups of nameless functions. Whichever adds most to the evidence enters,
-as long as that is more than the prior odds against it; what the others have made idle leaves. A cause that also has to
-compete with as much structure as no list has a name for is a suspect.
+as long as that is more than the prior odds against it; what the others have made idle leaves. A cause that nameless
+structure explains as well is a suspect.
 """
 
 from __future__ import annotations
@@ -69,8 +69,6 @@ class Found(Generic[Model, Cause]):
     """Samples of what is left that count as one."""
     discrepancy: Discrepancy
     """Variances of the nameless functions about the model."""
-    needed: float
-    """Log odds that one more cause would need."""
     steps: list[list[tuple[str, float]]] = field(default_factory=list)
     """Best findings of each step, with their log odds."""
 
@@ -122,7 +120,6 @@ class _Search(Generic[Model, Cause]):
         self.model, self.active = plant.base, frozenset[int]()
         self.groups = range(int(self.compared.signals(plant.base).group.max(initial=-1)) + 1)
         self.steps: list[list[tuple[str, float]]] = []
-        self.before: dict[Cause, Active] = {}  # nameless groups that were there when a cause entered
         self.out: set[Cause] = set()
 
     def score(self, model: Model, active: Active) -> float:
@@ -154,22 +151,36 @@ class _Search(Generic[Model, Cause]):
         _, _, model, active = found[0]
         if model is not self.model:
             self.compared.about(model)
-            self.before |= dict.fromkeys(set(self.plant.causes(model)) - present, self.active)
         self.model, self.active = model, active
         return True
 
-    def certain(self, cause: Cause) -> float:
-        """Log odds of a cause, next to what had no name when it entered: later groups are for what it leaves."""
-        active = self.before.get(cause, frozenset()) & self.active
-        return self.score(self.model, active) - self.score(self.plant.without(self.model, cause), active)
+    def idle(self, cause: Cause) -> float:
+        """Log odds of a cause, next to the nameless structure that is in the model."""
+        return self.score(self.model, self.active) - self.score(self.plant.without(self.model, cause), self.active)
 
-    def alone(self, cause: Cause) -> float:
-        """Log odds of a cause next to all that is nameless without it: it may not have shaped what it is judged by."""
-        without, active = self.plant.without(self.model, cause), self.before.get(cause, frozenset()) & self.active
+    def judge(self, cause: Cause) -> tuple[float, bool]:
+        """Log odds of a cause without any nameless structure, and whether such structure explains as much in its place.
+
+        It does where the cause adds nothing to the structure that suits the model without it, and takes less than half
+        of what that does. The variances are learned without the cause: it may not have shaped what it is judged by.
+        """
+        without = self.plant.without(self.model, cause)
         self.compared.about(without)
-        found = self.score(self.model, active) - self.score(without, active)
+        nothing, alone = (self.score(model, frozenset()) for model in (without, self.model))
+        nameless = self.with_nameless(without)
+        idle = self.with_nameless(self.model) - nameless < self.odds.enters
         self.compared.about(self.model)
-        return found
+        return alone - nothing, idle and alone - nothing < self.gain.half * (nameless - nothing)
+
+    def with_nameless(self, model: Model) -> float:
+        """Score of a model with the nameless groups that it needs."""
+        active, best = frozenset[int](), self.score(model, frozenset())
+        while True:
+            more = [(self.score(model, active | {g}), active | {g}) for g in self.groups if g not in active]
+            score, groups = max(more, key=lambda row: row[0], default=(best, active))
+            if score < best + self.odds.enters:
+                return best
+            best, active = score, groups
 
     def needed(self, group: int) -> float:
         """Log odds of a nameless group."""
@@ -178,10 +189,11 @@ class _Search(Generic[Model, Cause]):
     def shrinks(self) -> None:
         """Take out what the others have made idle."""
         while True:
-            causes = {cause: self.certain(cause) for cause in self.plant.causes(self.model)}
+            idle = {cause: self.idle(cause) for cause in self.plant.causes(self.model)}
+            causes = {c: x for c, x in idle.items() if x < self.odds.enters and self.judge(c)[1]}
             groups = {group: self.needed(group) for group in self.active}
             weakest = min([*causes.values(), *groups.values()], default=np.inf)
-            if len(causes) + len(groups) < 2 or weakest >= self.odds.enters:
+            if len(idle) + len(groups) < 2 or weakest >= self.odds.enters:
                 return
             if weakest in groups.values():
                 self.active -= {min(groups, key=lambda group: groups[group])}
@@ -211,11 +223,9 @@ def searched_by_evidence(
         search.ends()
         idle = set(plant.causes(before)) - set(plant.causes(search.model)) if begin is not None else set()
         suspects |= dict.fromkeys(idle, before)
-        nameless = search.score(search.model, search.active) - search.score(search.model, frozenset())
-        known = {cause: search.certain(cause) for cause in plant.causes(search.model)}
-        weak = [cause for cause, gain in known.items() if gain < odds.enters]
-        if not weak and nameless > 0.0:
-            weak = [cause for cause in known if search.alone(cause) < gain.half * nameless]
+        judged = {cause: search.judge(cause) for cause in plant.causes(search.model)}
+        known = {cause: gain for cause, (gain, _) in judged.items()}
+        weak = [cause for cause, (gain, nameless) in judged.items() if nameless or gain < odds.enters]
         if not weak:
             break
         weakest = min(weak, key=lambda cause: known[cause])
@@ -236,15 +246,13 @@ def searched_by_evidence(
         variance=np.diag(covariance)[: len(numbers)],
         correlation=search.compared.correlation,
         discrepancy=search.compared.discrepancy,
-        needed=max(odds.enters, gain.half * nameless),
         steps=search.steps,
     )
 
 
 def _rivals(search: _Search[Model, Cause], cause: Cause) -> tuple[Cause, ...]:
     """Causes that would do as well in another's place."""
-    without = search.plant.without(search.model, cause)
-    active = search.before.get(cause, frozenset()) & search.active
+    without, active = search.plant.without(search.model, cause), search.active
     least = search.score(search.model, active) - 0.5 * search.gain.distinct
     scores = [(search.score(model, active), model) for _, model in search.plant.grown(without)]
     near = sorted((row for row in scores if row[0] > least), key=lambda row: -row[0])

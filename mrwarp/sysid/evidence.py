@@ -66,9 +66,8 @@ class Discrepancy:
         at = s.first + np.flatnonzero(self.own[s.group] > 0.0)
         if not len(at):
             return grams
-        inner = grams[:, at[:, None], at] + np.diag(1.0 / self.own[s.group[at - s.first]])
-        cross = grams[:, :, at]
-        return grams - cross @ np.linalg.solve(inner, cross.swapaxes(-1, -2))
+        spread, cross = _inverse(grams[:, at[:, None], at], self.own[s.group[at - s.first]]), grams[:, :, at]
+        return grams - cross @ spread @ cross.swapaxes(-1, -2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +106,7 @@ def learned(
         at, group = nb + part, s.group[part]
         here = grams / scale[:, None, None]
         cross = here[:, :, at]
-        spread = np.linalg.inv(cross[:, at] + np.diag(1.0 / own[group]))
+        spread = _inverse(cross[:, at], own[group])
         whole = here.sum(axis=0) - np.einsum("tij,tkj->ik", cross @ spread, cross, optimize=True)
         x, covariance, _ = _solved(whole, nb, 1.0 / common[s.group])
         y = np.append(-x, 1.0)
@@ -144,9 +143,8 @@ def left_over(s: Signals, d: Discrepancy) -> tuple[np.ndarray, np.ndarray]:
     sizes = np.repeat(x[None, nb:], len(s.grams), axis=0)
     if len(at):
         here = s.grams / d.scale[:, None, None]
-        inner = here[:, at[:, None], at] + np.diag(1.0 / d.own[s.group[at - s.first]])
-        rest = here[:, at][:, :, s.columns] @ np.append(-x, 1.0)
-        sizes[:, at - s.first] += np.linalg.solve(inner, rest[..., None])[..., 0]
+        spread = _inverse(here[:, at[:, None], at], d.own[s.group[at - s.first]])
+        sizes[:, at - s.first] += (spread @ (here[:, at][:, :, s.columns] @ np.append(-x, 1.0))[..., None])[..., 0]
     return x[:nb], sizes
 
 
@@ -220,6 +218,12 @@ def correlation(units: Sequence[np.ndarray], window: float = 5.0) -> float:
     times = 1.0 + 2.0 * np.cumsum(sums[1:] / max(float(sums[0]), 1e-300))
     ends = np.flatnonzero(np.arange(1, len(sums)) > window * times)
     return float(max(1.0, times[ends[0]] if len(ends) else times.max(initial=1.0)))
+
+
+def _inverse(grams: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Covariance of sizes with these prior variances, (n,), by their Gram matrices, (T, n, n), in the prior's units."""
+    d = np.sqrt(variance)
+    return np.linalg.inv(grams * np.outer(d, d) + np.eye(len(d))) * np.outer(d, d)
 
 
 def _solved(gram: np.ndarray, free: int, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -152,12 +152,13 @@ def test_what_has_no_name_is_no_cause() -> None:
         assert not found.odds and 0 in found.nameless
 
 
-def test_a_cause_smaller_than_what_has_no_name_is_a_suspect() -> None:
-    """It is named as soon as it is the larger."""
-    small = searched_by_evidence(lines(5, {"a": 0.3}, nameless=1.0), Odds(), Gain())
-    large = searched_by_evidence(lines(5, {"a": 2.0}, nameless=1.0), Odds(), Gain())
-    assert not small.odds and "a" in small.suspects
-    assert set(large.odds) == {"a"} and not large.suspects
+def test_a_cause_that_structure_without_a_name_explains_as_well_is_a_suspect() -> None:
+    """So is b, of which the nameless rows hold a part; a, smaller than they are, is named next to them."""
+    for seed in range(4):
+        likeness = searched_by_evidence(lines(seed, {}, nameless=1.0), Odds(), Gain(), begin=Line(("b",)))
+        there = searched_by_evidence(lines(seed, {"a": 0.3}, nameless=1.0), Odds(), Gain(), begin=Line(("a",)))
+        assert not likeness.odds and "b" in likeness.suspects and 0 in likeness.nameless
+        assert set(there.odds) == {"a"} and not there.suspects
 
 
 def test_a_size_that_would_show_is_found() -> None:
@@ -166,7 +167,7 @@ def test_a_size_that_would_show_is_found() -> None:
     found = searched_by_evidence(quiet, Odds(), Gain())
     bare = signals(np.ones((1, RUNS, SAMPLES)), quiet.functions, quiet.rows["b"])
     [unit] = showing(bare, found.discrepancy, found.nameless)
-    size = float((np.sqrt(2.0 * found.needed + np.log(RUNS * SAMPLES)) + 1.645) / np.sqrt(unit))
+    size = float((np.sqrt(2.0 * Odds().enters + np.log(RUNS * SAMPLES)) + 1.645) / np.sqrt(unit))
     seeds = range(10, 22)
     named = [
         sum("b" in searched_by_evidence(lines(seed, {"b": factor * size}), Odds(), Gain()).odds for seed in seeds)
