@@ -6,8 +6,6 @@ than what it shows.
 """
 
 import argparse
-import ast
-import hashlib
 import json
 import os
 import re
@@ -21,6 +19,9 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))  # the paper's laboratory is not installed
+from paper.reproduce.cache import file_hash  # noqa: E402
+
 IMAGES = ROOT / "docs" / "images"
 RECORD = IMAGES / "gallery.json"
 WALK = "policies/mr_go_walk.onnx"
@@ -80,17 +81,8 @@ PICTURES = {
 
 
 def digest(path: Path) -> str:
-    """Hash of a file; of Python code without comments, docstrings and layout, so that words may change."""
-    if path.suffix != ".py":
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list) and len(body) > 1:
-            vars(node)["body"] = [
-                x for x in body if not (isinstance(x, ast.Expr) and isinstance(x.value, ast.Constant))
-            ] or body
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:16]
+    """The first digits of a file's hash, in which the words of Python code do not count."""
+    return file_hash(path)[:16]
 
 
 def old(record: dict[str, Any]) -> list[str]:

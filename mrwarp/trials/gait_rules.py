@@ -1,4 +1,4 @@
-"""Rules of a gait that figures can rest on: attitude, left against right, foot slip; written before any was trained."""
+"""Rules of a gait that figures can rest on: attitude, left against right; written before any was trained."""
 
 from __future__ import annotations
 
@@ -23,22 +23,18 @@ class Rules:
     sides: float = 0.05
     """Largest difference of the mean calf torque of left and right legs, as a share of their mean: gaits with a clock
     are mirror images of themselves half a stride later, so all of it is a fault."""
-    slip: float = 0.05
-    """Largest mean speed of standing feet over the ground [m/s]: a tenth of the walking speed."""
-    spread: float = 0.3
-    """Largest sample standard deviation of a plant's v_x RMSE over its seeds, as a share of the mean."""
 
 
 def broken(figures: Mapping[str, float], rules: Rules | None = None) -> list[str]:
     """Rules that a policy does not keep, by the name of the figure; a figure that was not measured breaks none.
 
     Args:
-        figures: ``tilt_rms``, ``roll`` and ``pitch`` [deg], ``sides`` [%], ``slip`` [m/s], ``fell`` (share).
+        figures: ``tilt_rms``, ``roll`` and ``pitch`` [deg], ``sides`` [%], ``fell`` (share).
         rules: The limits.
     """
     rules = rules or Rules()
     limits = {"tilt_rms": rules.tilt_rms, "roll": rules.lean, "pitch": rules.lean, "sides": 100.0 * rules.sides}
-    limits |= {"slip": rules.slip, "fell": 0.0}
+    limits["fell"] = 0.0
     return [name for name, limit in limits.items() if abs(figures.get(name, 0.0)) > limit]
 
 

@@ -111,7 +111,7 @@ class GateCheck:
     def __call__(self, policy: Policy) -> dict[str, Any]:
         """Measure a policy: figures as in :func:`measure`, the verdicts, ``passed``, and ``rules_not_kept``.
 
-        The last are rules of :mod:`mrwarp.trials.gait_rules`, by the name of the figure; slip is not measured here.
+        The last are rules of :mod:`mrwarp.trials.gait_rules`, by the name of the figure.
         """
         self.env.restart()
         measured = measure(self.env, policy, self.command, warmup=self.gate.warmup, seconds=self.gate.seconds)

@@ -245,6 +245,11 @@ def code_hash(
     return _hash(json.dumps(found, sort_keys=True))
 
 
+def file_hash(path: Path) -> str:
+    """Hash of a file; of Python code as :func:`code_hash` counts it, without what it imports."""
+    return _parse(path)[0] if path.suffix == ".py" else _hash(path.read_bytes())
+
+
 def _inside(module: str, root: Path) -> list[str]:
     """A module, or all modules of a package."""
     folder = root.joinpath(*module.split("."))
