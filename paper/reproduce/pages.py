@@ -225,9 +225,8 @@ def _readme(found: Results) -> str:
     signs = [Verdict.REPRODUCED, Verdict.WORDS, Verdict.SIGN, Verdict.DIRECTION]
     agree, sized = sum(effects[verdict] for verdict in signs), effects[Verdict.REPRODUCED]
     return (
-        f"Of about {sum(effects.values())} physical effects in the paper's claims, {agree} have the paper's "
-        f"sign or outcome here and {sized or 'none'} its size too, although settings were tuned while looking at the "
-        "figures ([every claim, and the reason of each difference](docs/reproduce.md))."
+        f"Of about {sum(effects.values())} effects in the paper's claims {agree} have its sign or outcome and "
+        f"{sized or 'none'} its size, with settings tuned in view of its figures ([every claim](docs/reproduce.md))."
     )
 
 

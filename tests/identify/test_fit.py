@@ -244,7 +244,7 @@ def test_a_large_error_names_the_bodies_that_explain_it(inertia: float, weight: 
 
 
 def test_cogging_that_a_fit_misses_is_named() -> None:
-    """What comes again at the same angle is stated as that, with the command that looks for it."""
+    """A torque that comes again at the same angle is stated as that, with the command that looks for it."""
     plain = synthetic.bench_like(1, runs=8, seconds=3.0)
     runs = tuple(dataclasses.replace(run, torque=run.torque + 0.7 * np.sin(14.0 * run.q)) for run in plain.trajectories)
     warnings = "\n".join(fit(dataclasses.replace(plain, trajectories=runs)).warnings)

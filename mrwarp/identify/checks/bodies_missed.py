@@ -13,7 +13,7 @@ from mrwarp.recording.data import with_unit
 from mrwarp.sysid.settings import Gain
 
 INERTIA, WEIGHT = ("an inertia", "inertia"), ("a weight", "sine", "cosine")
-"""What may be missed: its name, and those of its linear numbers."""
+"""Bodies that may be missed: the name of each, and those of its linear numbers."""
 
 
 class _NextTo(Structure):
@@ -44,7 +44,7 @@ class _NextTo(Structure):
 
 
 def bodies_missed(structure: Structure, replay: Replay, point: Point, motion: Motion, units: Mapping[str, str]) -> str:
-    """What a fit would leave with an inertia, a weight, or both next to it; empty if that is more than half of it.
+    """Text on the error of a fit with an inertia, a weight, or both next to it; empty if that is over half as large.
 
     Args:
         structure: What was fitted.

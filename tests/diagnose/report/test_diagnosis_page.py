@@ -184,7 +184,7 @@ def test_no_bound_is_above_what_a_model_reached() -> None:
 
 
 def test_a_law_that_gains_nothing_states_no_error_and_cogging_is_per_turn() -> None:
-    """Errors that print alike are no gain; what repeats along an angle is counted per turn."""
+    """Two errors that print as one are no gain; what repeats along an angle is counted per turn."""
     for after, shown in ((0.9976, False), (0.9, True)):
         law = LawChoice(name="dahl", held_out={"bouc_wen": 0.998, "dahl": after}, rival=0.998, simpler=True)
         sentence = text.sentence_of(dataclasses.replace(made_up.make("none"), law=law))
