@@ -291,35 +291,67 @@ def test_currents_of_a_task_are_numbers(current: float) -> None:
         ImpactCfg(trials=0)
 
 
-MESSAGES: dict[str, tuple[str, str]] = {
-    "no numbers": ("walk --numbers no.json", "{tmp}/no.json .. numbers.json"),
-    "numbers that are a folder": ("walk --numbers {tmp}", "{tmp} .. numbers.json"),
-    "a ratio's range": ("walk --set regeneration=9", "regeneration = 9 .. 0 to 1"),
-    "no earlier result": ("perf --compare no.json", "no.json .. result.json"),
-    "a folder for a result": ("perf --compare {tmp}", "{tmp} .. result.json"),
-    "a folder to export to": ("asset export {usd} FL_calf --out {tmp}", "export: {tmp} .. directory .. another"),
-    "a folder for an asset": ("asset show {tmp}", "{tmp} .. folder .. .usda"),
-    "no asset to change": ("asset set no.usda FL_calf K1 9", "no.usda .. no such file .. check the path"),
-    "an unknown payload": ("asset show {usd} --payload 3kg", "show: payload = '3kg' .. 0, 3"),
-    "an unknown robot": ("asset show {usd} --robot spot", "show: robot = 'spot' .. go1, mr_go"),
-    "a list for a model": ("asset apply {usd} {tmp}/list.json", "list.json .. [1, 2] .. object"),
-    "a folder for a model": ("asset apply {usd} {tmp}", "{tmp} .. model.json"),
-    "a folder for a policy": ("impact --policy {tmp}", "{tmp} .. folder .. .onnx"),
-    "a folder for the bench's policy": ("bench --policy {tmp}", "{tmp} .. folder .. .onnx"),
-    "a folder for a checkpoint": ("train --resume {tmp}", "{tmp} .. folder .. checkpoint"),
-    "a folder for a dump": ("replay-dump {tmp}", "{tmp} .. folder .. .safetensors"),
-    "a ratio of the bench": ("bench --effect current_gain=99", "allowed: 0.1 to 10, "),
+MESSAGES = {
+    "walk --numbers no.json": "{tmp}/no.json .. numbers.json",
+    "walk --numbers {tmp}": "{tmp} .. numbers.json",
+    "walk --set regeneration=9": "regeneration = 9 .. 0 to 1",
+    "perf --compare no.json": "no.json .. result.json",
+    "perf --compare {tmp}": "{tmp} .. result.json",
+    "asset export {usd} FL_calf --out {tmp}": "export: {tmp} .. directory .. another",
+    "asset show {tmp}": "{tmp} .. folder .. .usda",
+    "asset set no.usda FL_calf K1 9": "no.usda .. no such file .. check the path",
+    "asset show {usd} --payload 3kg": "show: payload = '3kg' .. 0, 3",
+    "asset show {usd} --robot spot": "show: robot = 'spot' .. go1, mr_go",
+    "asset apply {usd} {tmp}/list.json": "list.json .. [1, 2] .. object",
+    "asset apply {usd} {tmp}": "{tmp} .. model.json",
+    "impact --policy {tmp}": "{tmp} .. folder .. .onnx",
+    "bench --policy {tmp}": "{tmp} .. folder .. .onnx",
+    "train --resume {tmp}": "{tmp} .. folder .. checkpoint",
+    "replay-dump {tmp}": "{tmp} .. folder .. .safetensors",
+    "bench --effect current_gain=99": "allowed: 0.1 to 10, ",
+    "perf --rounds 1": "at least 2",
+    "perf --device cuda:7": "cuda:7",
+    "perf --device tpu": "tpu",
+    "perf --policy no.onnx": "no.onnx",
+    "impact --policy no.onnx": "no.onnx .. no such policy",
+    "impact --duration 9": "must lie in",
+    "impact --asset no.usda": "no such file",
+    "mission --robot mr_go --calibrate": "needs Go1",
+    "mission --calibrate --distance 50": "paper's task",
+    "walk --policy no.onnx": "no such policy",
+    "walk --speed 0.3 0.3": "speeds = (0.3, 0.3) .. name each once",
+    "walk --sal on --robot go1": "exclude each other",
+    "walk --set gear=1": "'gear' is not one number",
+    "walk --set winding_resistance=1": "electrical.winding_resistance or thermal.winding_resistance",
+    "walk --asset no.usda": "no.usda",
+    "walk --calibrate --robot mr_go --distance 0.05 --trials 1": "needs Go1",
+    "bench --effect nonsense=1": "known: coil_lag",
+    "bench --effect coil_lag=fast": "'fast' is not a number",
+    "bench --effect coil_lag": "not NAME=VALUE",
+    "bench --effect coil_lag=9": "allowed: 0 to 1 s",
+    "bench --scale-effects -1": "allowed: 0 to 10",
+    "bench --samples 100": "fewer than 50 for each of 120",
+    "bench --evaluation-samples 10": "0 or at least 200",
+    "bench --policy no.onnx": "no such policy",
+    "log record --out log --motion walk=5 chirp=5": "record two logs",
+    "log record --out log --motion run=5": "there is no motion 'run'",
+    "log record --out log --robot no.xml": "no.xml .. no such robot",
+    "log record --out log --hide coil_daed=RL": "there is no effect",
+    "sweep --out out --command train --grid sed=0": "sed",
+    "sweep --out out --command train --grid actuator=magic": "magic",
+    "sweep --out out --command train --grid seed": "seed",
+    "reproduce docs --results {tmp}": "result.json",
 }
+"""Parts of the message of each command: place, value and remedy."""
 
 
-@pytest.mark.parametrize("what", MESSAGES)
+@pytest.mark.parametrize(("command", "message"), MESSAGES.items(), ids=list(MESSAGES))
 def test_a_refusal_says_what_is_wrong_and_what_to_do(
-    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Files that are not there or something else, and names and values that are none."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "list.json").write_text("[1, 2]")
-    command, message = MESSAGES[what]
     names = {"tmp": tmp_path, "usd": ASSETS / "mr_go.usda"}
     line = refused([word.format(**names) for word in command.split()], capsys)
     assert has_parts(line, message.format(**names).removeprefix(f"{tmp_path}/"))

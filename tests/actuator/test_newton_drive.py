@@ -3,7 +3,6 @@
 # Newton's arrays are Optional and its custom attributes dynamic; pyright cannot follow either
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 
-import ast
 import re
 import warnings
 from dataclasses import replace
@@ -26,7 +25,7 @@ from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, s
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
-from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, assert_same_torque, effect, massless, motion, replayed
+from tests.actuator.test_effect_runtime import MECHANISMS, effect
 
 ORIGIN = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
 DT = 0.005
@@ -401,23 +400,6 @@ def test_brake_needs_its_coupling_and_its_backend() -> None:
     np.testing.assert_array_equal(solver.mjw_model.dof_frictionloss.numpy(), [[3.25]])
 
 
-def test_actuator_api_is_touched_in_one_file() -> None:
-    """Newton marks ``newton.actuators`` experimental: an upgrade has one file to look at."""
-    root = Path(__file__).resolve().parents[2]
-    users = [
-        str(path.relative_to(root))
-        for folder in ("mrwarp", "train", "viz", "benchmarks")
-        for path in sorted((root / folder).rglob("*.py"))
-        if any(
-            (isinstance(node, ast.ImportFrom) and (node.module or "").startswith("newton.actuators"))
-            or (isinstance(node, ast.Import) and any(alias.name.startswith("newton.actuators") for alias in node.names))
-            or (isinstance(node, ast.Attribute) and ast.unparse(node).startswith("newton.actuators"))
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        )
-    ]
-    assert users == ["mrwarp/actuator/newton_drive.py"]
-
-
 def model_file(
     path: Path, effects: tuple[Effect, ...], current: tuple[float, float] | None = None, **values: float
 ) -> Path:
@@ -470,26 +452,6 @@ def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path
         other.step()
         np.testing.assert_allclose(tau, other.tau.numpy()[:, 0], rtol=3e-7, atol=1e-5)
         np.testing.assert_allclose(rig.drive.brake_bound.numpy(), other.bound.numpy()[:, 0], rtol=3e-7, atol=1e-5)
-
-
-@pytest.mark.parametrize("names", [["cogging"], ["command_delay"], MECHANISMS], ids="+".join)
-def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], tmp_path: Path) -> None:
-    """Along a prescribed motion a current-driven drive gives the torque of the kernel that names the effects."""
-    effects = tuple(massless(name) for name in names)
-    values = {name: value for name, value in OPEN if name in ("eps_v", "eps_hold", "q_neutral")}
-    path = model_file(tmp_path / "model.json", effects)
-    rig = Rig(fitted_scene(path, 1, z_step=ZStep.EXACT, kp_base=0.0, kp_low=0.0, kd=0.0, **values))
-    rig.inputs.mr_foot_load = None
-    efforts, commands, heats = [], [], []
-    for q, qd, current in zip(*motion(4.0), strict=True):
-        current *= qd != 0.0  # no command before the first motion, of which the record knows nothing
-        heats.append(rig.now.drive_state.heat.numpy()[0, 0])
-        rig.write(q=np.array([q]), qd=np.array([qd]), current=np.array([current]))
-        efforts.append(rig.step()[0])
-        commands.append(rig.now.drive_state.current.numpy()[0])
-    want = replayed(effects, np.array(commands), np.array(heats))
-    opposing = -np.sign(motion(4.0)[1]) * np.abs(want)
-    assert_same_torque(np.array(efforts), opposing, names)
 
 
 def test_inertia_of_a_model_file_is_armature(tmp_path: Path) -> None:

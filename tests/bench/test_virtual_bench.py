@@ -142,29 +142,6 @@ def test_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert {p.suffix for p in (out / "fit").iterdir()} == {".parquet"}
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (["--effect", "nonsense=1"], "known: coil_lag"),
-        (["--effect", "coil_lag=fast"], "'fast' is not a number"),
-        (["--effect", "coil_lag"], "not NAME=VALUE"),
-        (["--effect", "coil_lag=9"], "allowed: 0 to 1 s"),
-        (["--scale-effects", "-1"], "allowed: 0 to 10"),
-        (["--samples", "100"], "fewer than 50 for each of 120"),
-        (["--evaluation-samples", "10"], "0 or at least 200"),
-        (["--policy", "/nowhere.onnx"], "no such policy"),
-    ],
-)
-def test_bad_input_is_refused_and_nothing_recorded(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], given: list[str], message: str
-):
-    """Exit code 2, a message with the remedy, no recordings."""
-    out = tmp_path / "bench"
-    assert main(["bench", "--out", str(out), "--no-progress", *given]) == 2
-    assert message in capsys.readouterr().err
-    assert not list(tmp_path.rglob("*.*"))
-
-
 def test_stopping_leaves_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Ctrl-C during the simulation: exit code 130, nothing recorded."""
 

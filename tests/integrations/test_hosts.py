@@ -35,13 +35,12 @@ def test_the_matrix_has_every_law() -> None:
     assert all(CATALOGUE[name].kind == "mechanism" for name in STRENGTHS)
 
 
-@pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["some", "every"])
 @pytest.mark.parametrize("host", SHARES)
-def test_a_host_gives_the_torque_of_joint_batch(host: Host, every: bool) -> None:
+def test_a_host_gives_the_torque_of_joint_batch(host: Host) -> None:
     """Along motions that reverse, rest and are reset in the middle, within the bound that the page states."""
     if host.missing:
         pytest.skip(f"{host.name} needs {host.missing}; mjlab has an environment of its own: make test-mjlab")
-    for row, gaps in hosts.measured([host], hosts.rows(every=every)).items():
+    for row, gaps in hosts.measured([host], hosts.rows(every=False)).items():
         assert gaps[host.name] <= host.bound, row
 
 

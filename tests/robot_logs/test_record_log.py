@@ -137,24 +137,6 @@ def test_every_effect_of_the_listing_can_be_asked_for() -> None:
         assert parse_hidden(text, PLACES)[0].cause == name
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--motion", "walk=5", "chirp=5"], "record two logs"),
-        (["--motion", "run=5"], "there is no motion 'run'"),
-        (["--robot", "no.xml"], "no.xml: no such robot"),
-        (["--hide", "coil_daed=RL"], "there is no effect"),
-    ],
-)
-def test_the_command_refuses_in_one_line(
-    words: list[str], said: str, tmp_path: Path, capfd: pytest.CaptureFixture
-) -> None:
-    """Exit code 2, and nothing is written."""
-    assert main(["log", "record", "--out", str(tmp_path / "log"), *words]) == 2
-    err = capfd.readouterr().err
-    assert said in err and "Traceback" not in err and not (tmp_path / "log").exists()
-
-
 def test_an_arm_is_recorded_from_its_mjcf(tmp_path: Path) -> None:
     """With gains by the inertia that each joint moves; where its joints swing, they follow."""
     (tmp_path / "arm.xml").write_text(ARM)

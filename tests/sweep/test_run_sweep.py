@@ -107,34 +107,6 @@ def test_another_sweep_is_not_overwritten(tmp_path: Path, capsys: pytest.Capture
     assert (tmp_path / "result.json").read_bytes() == before
 
 
-def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 2; no folder is made."""
-    out = tmp_path / "out"
-    for grid in (["sed=0"], ["actuator=magic"], ["seed"]):
-        assert main(["sweep", "--out", str(out), "--command", "train", "--grid", *grid]) == 2
-        error = capsys.readouterr().err
-        assert error.startswith("mrwarp sweep: ") and error.count("\n") == 1
-    assert (
-        main(
-            [
-                "sweep",
-                "--out",
-                str(out),
-                "--command",
-                "train",
-                "--grid",
-                "seed=0",
-                "--runner",
-                "local",
-                "--address",
-                "auto",
-            ]
-        )
-        == 2
-    )
-    assert not out.exists() or not any(out.iterdir())
-
-
 def second_sweep(args: list[str], out: Path) -> None:
     """A sweep in a process of its own; what it says goes to files."""
     # a shell that starts the tests in the background has it ignored

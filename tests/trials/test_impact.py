@@ -263,22 +263,3 @@ def test_command_writes_figures_pictures_and_the_same_minima_as_the_recording(tm
             # the recording starts one second before the impact
             values = [v[0] for t, v in recorded.columns(f"{root}/series/{series}", SCALARS) if t > 1_001_000_000]
             assert min(values) == pytest.approx(row[name], abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("argv", "words"),
-    [
-        (["--policy", "no.onnx"], "no.onnx: no such policy"),
-        (["--duration", "9"], "must lie in"),
-        (["--asset", "no.usda"], "no such file"),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(
-    argv: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    """Exit code 2, one line that says what is wrong, nothing written."""
-    out = tmp_path / "out"
-    assert main(["impact", "--out", str(out), *argv]) == 2
-    error = capsys.readouterr().err.strip().splitlines()
-    assert words in error[-1]
-    assert not out.exists()

@@ -171,16 +171,3 @@ def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:
         assert {walk["counted"] for walk in result["windows"][robot].values()} == {1}
     assert set(result["changes"]) >= {"depletion", "calf_walking_rise"}
     assert {path.name for path in out.iterdir()} == {"result.json", "power.png", "temperature.png"}
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [(["--robot", "mr_go", "--calibrate"], "needs Go1"), (["--calibrate", "--distance", "50"], "paper's task")],
-)
-def test_bad_input_ends_with_2(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One line on stderr, no result."""
-    assert main(["mission", "--out", str(tmp_path / "out"), *options]) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "out" / "result.json").exists()

@@ -162,28 +162,6 @@ def test_standing_on_the_devices_spares_the_calf_motors() -> None:
     assert 0.0 < held.coil.sum() < 5.0
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--policy", "nowhere.onnx"], "no such policy"),
-        (["--speed", "0.3", "0.3"], "speeds = (0.3, 0.3): name each once"),
-        (["--sal", "on", "--robot", "go1"], "exclude each other"),
-        (["--set", "gear=1"], "'gear' is not one number"),
-        (["--set", "winding_resistance=1"], "electrical.winding_resistance or thermal.winding_resistance"),
-        (["--set", "regeneration=2"], "regeneration = 2"),
-        (["--asset", "nowhere.usda"], "nowhere.usda"),
-        (["--calibrate", "--robot", "mr_go", "--distance", "0.05", "--trials", "1"], "needs Go1"),
-    ],
-)
-def test_bad_input_ends_with_2(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One line on stderr that names what is wrong, no result."""
-    assert main(["walk", "--out", str(tmp_path / "out"), *options]) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "out" / "result.json").exists()
-
-
 @pytest.mark.parametrize("command", ["walk", "mission"])
 @pytest.mark.parametrize(
     ("content", "message"),

@@ -60,26 +60,6 @@ def test_compare_passes_against_itself_and_fails_when_slowed(
     assert "REGRESSED env/plain @2" in said
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (["--rounds", "1"], "at least 2"),
-        (["--device", "cuda:7"], "cuda:7"),
-        (["--device", "tpu"], "tpu"),
-        (["--compare", "/no/such/file.json"], "file.json"),
-        (["--policy", "/no/such/policy.onnx"], "policy.onnx"),
-    ],
-)
-def test_bad_input_is_refused_on_one_line(
-    options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Exit code 2, nothing written."""
-    out = tmp_path / "out"
-    assert main(["perf", *options, "--out", str(out)]) == 2
-    said = capsys.readouterr().err
-    assert text in said and said.count("\n") == 1 and not out.exists()
-
-
 def test_limits_hold_where_they_are_aimed_at() -> None:
     """64 and 256 robots have limits, other numbers none; ratios without a number have theirs."""
     assert limit_of("env/plain @64") == LIMITS["env/plain"] and limit_of("env/plain @1024") is None

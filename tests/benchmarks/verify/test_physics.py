@@ -127,13 +127,6 @@ def test_holding_trunk_sinks_with_the_feet():
     assert np.abs(run.calf[-1] - run.calf[0]).max() < 1e-3
 
 
-def test_holding_yield_torque():
-    """tau_y at half-torque current is half of T_max, and 25.44 N·m at 1.5 A (paper: up to 25 N·m)."""
-    mr = MrParams()
-    assert yield_torque(mr, mr.hold.K) == pytest.approx(mr.hold.T_max / 2.0, rel=1e-12)
-    assert yield_torque(mr, CURRENT) == pytest.approx(25.44, abs=0.005)
-
-
 @pytest.fixture(scope="module")
 def compared() -> Accuracy:
     """Both couplings against the 50 µs reference, four steps, eight random profiles."""

@@ -106,12 +106,6 @@ def test_unknown_blocks_and_entries_that_were_not_made_are_refused(tmp_path: Pat
         pages.collect((tmp_path,), tmp_path)
 
 
-def test_command_refuses_a_folder_without_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One line, exit code 2, nothing written."""
-    assert main(["reproduce", "docs", "--results", str(tmp_path)]) == 2
-    assert "result.json" in capsys.readouterr().err
-
-
 def test_a_changed_constant_makes_its_entries_stale_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """Walks rest on kernels; a sentence in them changes nothing, a number all entries that walk, but not the report."""
     at = Path(gate.__file__)
