@@ -21,6 +21,10 @@ from mrwarp.sysid.settings import Reading, Settings
 
 _BANDWIDTHS = (25.0, 50.0, 100.0)
 """Bandwidths of the smoother [Hz], narrowest first: wider where the angle holds more motion and the rate allows it."""
+_WIDEST = 0.3
+"""Widest bandwidth over the sampling rate, of the half that samples can hold: a wider smoother follows the noise."""
+_SHARPEST = 10
+"""The sharpest one in so many windows of a run says which bandwidth it needs."""
 _CERTAIN = 1e4
 """Weight of a velocity that is known, over all others."""
 _LAG_STEPS = 4
@@ -93,10 +97,8 @@ def reconstruct(
         # an integrated angle knows nothing that the velocity does not
         sigma_q = float("inf") if run.q_integrated else known_q
         sigma_v = min(known_v, _velocity_noise(run)) if run.q_integrated else known_v
-        bandwidth = _bandwidth(run, sigma_q, sigma_v, settings.gain.half) / smoothing
-        v = run.qd
-        if lag > 0.0:
-            v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
+        bandwidth = _bandwidth(run, sigma_q, sigma_v, lag, settings.gain.half) / smoothing
+        v = _without_lag(run, sigma_v, lag, bandwidth)
         known, at_edge = None, np.zeros(len(run.q), dtype=bool)
         if rests:
             known, at_edge = known_velocity(run, sigma_q, sigma_v, settings.reading.rest)
@@ -137,27 +139,42 @@ def near_reversals(qd: np.ndarray, still: np.ndarray, reach: int) -> np.ndarray:
     return near
 
 
-def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float, less: float) -> float:
+def _without_lag(run: Trajectory, sigma_v: float, lag: float, bandwidth: float) -> np.ndarray:
+    """The velocity channel without its lag, shape (N,)."""
+    if lag <= 0.0:
+        return run.qd
+    return run.qd + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
+
+
+def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float, lag: float, less: float) -> float:
     """Bandwidth for a trajectory [Hz]: a bang-bang drive or a chirp needs more than a swing.
 
-    What the smoother leaves beyond the angle's noise may be motion, and was where a wider one leaves clearly ``less``.
+    What the smoother leaves beyond a channel's noise may be motion, and was where a wider one leaves clearly ``less``.
     """
     best = _BANDWIDTHS[0]
-    left = _left(run, sigma_q, sigma_v, best)
+    left = _left(run, sigma_q, sigma_v, lag, best)
     for bandwidth in _BANDWIDTHS[1:]:
-        if sigma_q > less * left or bandwidth > 0.2 / run.dt:
+        if (less * left < 1.0).all() or bandwidth > _WIDEST / run.dt:
             break
-        wider = _left(run, sigma_q, sigma_v, bandwidth)
-        if wider < less * left:  # vibration above one band shows in the next only
+        wider = _left(run, sigma_q, sigma_v, lag, bandwidth)
+        if ((less * left >= 1.0) & (wider < less * left)).any():  # vibration above one band shows in the next only
             best, left = bandwidth, wider
     return best
 
 
-def _left(run: Trajectory, sigma_q: float, sigma_v: float, bandwidth: float) -> float:
-    """Standard deviation of the smoother's rest of the angle, without slow drifts."""
-    v, _ = smooth(run.q, run.qd, run.dt, sigma_q, sigma_v, bandwidth)
+def _left(run: Trajectory, sigma_q: float, sigma_v: float, lag: float, bandwidth: float) -> np.ndarray:
+    """RMS of the smoother's rest over the noise: of the angle without slow drifts, and of the velocity, shape (2,).
+
+    The latter is that where the motion is sharpest: a joint that turns round at once does so in a small part of its
+    run, but play and dry friction show there.
+    """
+    channel = _without_lag(run, sigma_v, lag, bandwidth)
+    v, _ = smooth(run.q, channel, run.dt, sigma_q, sigma_v, bandwidth)
+    width = 2 * max(5, int(_WINDOW / run.dt)) + 1
     rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
-    return float((rest - uniform_filter1d(rest, 2 * max(5, int(_WINDOW / run.dt)) + 1)).std())
+    squares = np.sort(uniform_filter1d((v - channel) ** 2, width)[::width])
+    sharpest = np.sqrt(squares[-max(1, len(squares) // _SHARPEST) :].mean())
+    return np.array([(rest - uniform_filter1d(rest, width)).std() / sigma_q, sharpest / sigma_v])
 
 
 def smooth(
