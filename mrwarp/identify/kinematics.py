@@ -21,10 +21,6 @@ from mrwarp.sysid.settings import Reading, Settings
 
 _BANDWIDTHS = (25.0, 50.0, 100.0)
 """Bandwidths of the smoother [Hz], narrowest first: wider where the angle holds more motion and the rate allows it."""
-_WIDEST = 0.3
-"""Widest bandwidth over the sampling rate, of the half that samples can hold: a wider smoother follows the noise."""
-_SHARPEST = 10
-"""The sharpest one in so many windows of a run says which bandwidth it needs."""
 _CERTAIN = 1e4
 """Weight of a velocity that is known, over all others."""
 _LAG_STEPS = 4
@@ -151,10 +147,10 @@ def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float, lag: float, less
 
     What the smoother leaves beyond a channel's noise may be motion, and was where a wider one leaves clearly ``less``.
     """
-    best = _BANDWIDTHS[0]
+    best, half_of_nyquist = _BANDWIDTHS[0], round(0.25 / run.dt, 3)  # a wider smoother follows the noise
     left = _left(run, sigma_q, sigma_v, lag, best)
     for bandwidth in _BANDWIDTHS[1:]:
-        if (less * left < 1.0).all() or bandwidth > _WIDEST / run.dt:
+        if (less * left < 1.0).all() or bandwidth > half_of_nyquist:
             break
         wider = _left(run, sigma_q, sigma_v, lag, bandwidth)
         if ((less * left >= 1.0) & (wider < less * left)).any():  # vibration above one band shows in the next only
@@ -172,8 +168,7 @@ def _left(run: Trajectory, sigma_q: float, sigma_v: float, lag: float, bandwidth
     v, _ = smooth(run.q, channel, run.dt, sigma_q, sigma_v, bandwidth)
     width = 2 * max(5, int(_WINDOW / run.dt)) + 1
     rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
-    squares = np.sort(uniform_filter1d((v - channel) ** 2, width)[::width])
-    sharpest = np.sqrt(squares[-max(1, len(squares) // _SHARPEST) :].mean())
+    sharpest = np.sqrt(np.percentile(uniform_filter1d((v - channel) ** 2, width), 95))
     return np.array([(rest - uniform_filter1d(rest, width)).std() / sigma_q, sharpest / sigma_v])
 
 
