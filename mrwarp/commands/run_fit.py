@@ -69,7 +69,14 @@ class Check(opt.LogOptions):
             unit = recording.units["torque"]
             lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({tests_file})")
         found += [f"{repair.trajectory}: {repair.text}" for repair in recording.repairs if repair.kind == "cut"]
-        print("\n".join([*lines, *(f"note: {note}" for note in [*found, *notes(described), *unproven])]))
+        print(
+            "\n".join(
+                [
+                    *lines,
+                    *(f"note: {note}" for note in [*found, *notes(described, len(recording.trajectories)), *unproven]),
+                ]
+            )
+        )
         if wrong:
             raise RecordingError(f"{self.data}: {wrong[0]}")
         return 0

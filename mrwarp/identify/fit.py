@@ -308,7 +308,7 @@ def _notes(
         notes.append(f"the current is {levels[0]:g} throughout: I1 and K1 cannot be distinguished from D and K0")
     notes += [f"cannot be distinguished: {', '.join(group)}; trust their combinations only" for group in together]
     for name, x, low, high in zip(structure.shape, point.theta, structure.low, structure.high, strict=True):
-        if low < high and (x <= low or x >= high):
+        if low < high and (x <= low != 0.0 or x >= high):  # alpha may be 0
             notes.append(f"the search for {name} ended at its bound: its interval is not reliable")
     ends = [structure.limits.get(name, (0.0, 1.0)) for name in structure.linear]
     stuck = [

@@ -73,8 +73,8 @@ def _levels(recording: Recording) -> str:
     return f"{known}; levels {named}; {steps} changes within trajectories"
 
 
-def notes(recording: Recording) -> list[str]:
-    """Notes for a user on a recording that is not wrong."""
+def notes(recording: Recording, parts: int = 1) -> list[str]:
+    """Notes for a user on a recording that is not wrong; ``parts`` is how many runs or blocks are judged."""
     runs, found = recording.trajectories, recording.repaired(40)
     against = [run.id for run in runs if float(np.mean(run.torque * run.qd)) < 0.0]
     if len(against) > len(runs) / 2:
@@ -107,7 +107,7 @@ def notes(recording: Recording) -> list[str]:
     still = [run.id for run in runs if float(np.ptp(run.q)) == 0.0]
     if still:
         found.append(f"no motion in {len(still)} trajectories, e.g. {still[0]!r}")
-    if len(runs) == 1:
+    if max(len(runs), parts) == 1:
         found.append("one trajectory: nothing is left to test a model on; record several")
     derived = [run for run in runs if run.qd_derived]
     if derived:

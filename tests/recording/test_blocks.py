@@ -11,6 +11,7 @@ from mrwarp.diagnose.data_checks import gaps, no_verdict_reasons
 from mrwarp.identify.fit import fit
 from mrwarp.recording.blocks import GUARD, in_blocks
 from mrwarp.recording.data import Recording, Trajectory
+from mrwarp.recording.description import notes
 from tests.recording.recordings import columns
 
 TURN = 2.0 * np.pi
@@ -45,6 +46,8 @@ def test_one_long_run_is_cut_where_its_current_is_steady(seconds: float, rate: f
     assert no_verdict_reasons(blocks) == []
     assert any("cannot be seen; record several runs" in gap for gap in gaps(blocks))
     assert sum(len(part.t) for part in parts) > 0.95 * len(run.t)
+    untested = [any("nothing is left to test" in note for note in notes(recording, n)) for n in (1, len(parts))]
+    assert untested == [True, False]
 
 
 def test_a_block_s_unknown_stress_does_not_count() -> None:
