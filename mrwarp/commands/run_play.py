@@ -282,8 +282,8 @@ def _report(figures: dict[str, Any], wall: float) -> None:
         print(f"{current:>11s}   {rmse:14.3f}")
     print(
         f"trunk height {figures['height']:.3f} m, stride {figures['stride_frequency']:.2f} Hz, contacts on the clock "
-        f"{figures['clock_match']:.0%}, gates open: hold {figures['hold_share']:.0%}, dynamic "
-        f"{figures['dynamic_share']:.0%}, falls {len(figures['falls'])}"
+        f"{figures['clock_match']:.0%}, brakes hold {figures['hold_share']:.0%} and damp "
+        f"{figures['dynamic_share']:.0%} of the time, falls {len(figures['falls'])}"
     )
 
 

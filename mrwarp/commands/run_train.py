@@ -25,7 +25,7 @@ BEGIN = create_mutex_group(required=False, title="begin with")
 
 @dataclass(frozen=True, kw_only=True)
 class Train(opt.ViewOptions):
-    """Train a robot on legs, with MR devices at its joints, to walk, until the walking gate is met."""
+    """Train a robot on legs, with MR devices at its joints, until it passes its trials of walking (the gate)."""
 
     renamed = {
         "actuator-model": "actuator-file",

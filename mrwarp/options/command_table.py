@@ -91,7 +91,7 @@ LOG = {
 
 COMMANDS: dict[str, Command | Group] = {
     "demo": Command("run_demo:Demo", "two pictures in two minutes: robots that walk on brakes, a joint's loops"),
-    "train": Command("run_train:Train", "train a walking policy until the walking gate is met"),
+    "train": Command("run_train:Train", "train a walking policy until its trials (the walking gate) are passed"),
     "play": Command("run_play:Play", "run a policy and show it in rerun, or save an .rrd or a picture"),
     "sweep": Command("run_sweep:Sweep", "run a command over a grid of seeds, models, currents; resumable"),
     "replay-dump": Command("run_train:ReplayDump", "what went wrong first where a training met NaN or a blow-up"),
