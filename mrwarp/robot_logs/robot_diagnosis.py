@@ -118,11 +118,11 @@ def diagnose_log(
     causes = tuple(_to_scale(c, case, judged, now) for c in causes)
     extended, setup = (_changes(parameters, x) for x in (causes, [c for c in named if c.name in SETUP]))
     progress("what no cause explains")
-    unexplained = _outside(case, judged, named)
+    before, after = errors["all"]
+    unexplained = _outside(case, judged, named, (after / max(before, 1e-12)) ** 2)
     holds = friction_that_holds(likelihood, case.model, log, case.groups, parameters, judged.theta)
     shown = [d for f in [*found, *judged.rejected] for d in (f.hypothesis, *f.alternatives)]
     unknown = cannot_know(likelihood, parameters, case.model, log, now, holds, shown)
-    before, after = errors["all"]
     return RobotDiagnosis(
         verdict=VERDICTS[bool(causes), unexplained is not None],
         sentence=sentence_of(causes, unexplained),
@@ -367,8 +367,11 @@ def _suspects(case: _Case, judged: _Judged) -> tuple[Suspect, ...]:
     return tuple(suspects)
 
 
-def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplained | None:
-    """Effects outside the catalogue: those that act always, among the causes, and pushes at times."""
+def _outside(case: _Case, judged: _Judged, named: list[NamedCause], left: float) -> Unexplained | None:
+    """Effects outside the catalogue: those that act always, among the causes, and pushes at times.
+
+    ``left`` is the share of the squared error that the named causes leave [1].
+    """
     pushed = pushes(judged.likelihood, case.model, case.groups, case.parameters, judged.theta)
     acting = outside(pushed, case.groups, case.log, case.model.settings.robot)
     always = [
@@ -377,7 +380,7 @@ def _outside(case: _Case, judged: _Judged, named: list[NamedCause]) -> Unexplain
         if c.name in OUTSIDE
     ]
     unproven = not any(p.declared.sought for c in named for p in (case.parameters[k] for k in c.change))
-    hidden = unconfirmed(case.model, case.parameters, case.log) if unproven else None
+    hidden = unconfirmed(case.model, case.parameters, case.log, left) if unproven else None
     return joined([*always, *([hidden] if hidden else []), *([acting] if acting else [])])
 
 

@@ -149,13 +149,14 @@ def steady(hypothesis: Hypothesis, value: float, share: float, log: RobotLog, pa
     return Outside(depends_on=("place",), form=what, share=share, where=p.where, when=when, peak=(value,))
 
 
-def unconfirmed(model: ReplayModel, parameters: list[Parameter], log: RobotLog) -> Outside | None:
+def unconfirmed(model: ReplayModel, parameters: list[Parameter], log: RobotLog, left: float) -> Outside | None:
     """A motion that the log does not have and that the replay does not confirm in nearly all windows, if there is one.
 
-    Its torque follows from a frequency and a damping; a link's and a base's own change with the pose.
+    Its torque follows from a frequency and a damping; a link's and a base's own change with the pose. Where the named
+    causes leave less of the squared error than it would have explained, ``left`` [1], it stood for one of them.
     """
     p = next((p for p in parameters if p.declared.sought), None)
-    if model.hidden is None or p is None or p.declared.says is None:
+    if model.hidden is None or p is None or p.declared.says is None or left < model.hidden.share:
         return None
     place = "" if p.where == "robot" else f"{p.where}: "
     other = f" (or {', '.join(p.others)})" if p.others else ""

@@ -101,6 +101,37 @@ def heavy_arm(folder: Path) -> Path:
     return path
 
 
+DRAWN = """<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
+ <body name="base" pos="0 0 0.3"><geom type="cylinder" size="0.1 0.05" mass="{mb}"/>
+ <body name="l1" pos="0 0 0.05"><joint name="j1" axis="0 0 1" armature="{a1}" damping="0.2" frictionloss="{f}"/>
+  <geom type="capsule" size="0.04" fromto="0 0 0 0 0 0.15" mass="{m1}"/>
+ <body name="l2" pos="0 0 0.15"><joint name="j2" axis="0 1 0" armature="{a2}" damping="0.2" frictionloss="{f}"/>
+  <geom type="capsule" size="0.03" fromto="0 0 0 {x2} 0 {l2}" mass="{m2}"/>
+ <body name="l3" pos="{x2} 0 {l2}"><joint name="j3" axis="0 1 0" armature="{a3}" damping="0.1" frictionloss="{f}"/>
+  <geom type="capsule" size="0.03" fromto="0 0 0 {l3} 0 0" mass="{m3}"/>
+ </body></body></body></body></worldbody>
+ <actuator><position joint="j1" kp="{k1}" kv="{d1}" forcerange="-90 90"/>
+  <position joint="j2" kp="{k2}" kv="{d2}" forcerange="-120 120"/>
+  <position joint="j3" kp="{k3}" kv="{d3}" forcerange="-60 60"/></actuator></mujoco>"""
+
+
+def drawn_arm(folder: Path, seed: int) -> Path:
+    """Write an arm as :func:`heavy_arm`'s whose masses, lengths, rotors, frictions and gains are drawn."""
+    rng = np.random.default_rng(seed)
+
+    def drawn(low: float, high: float) -> float:
+        return round(float(np.exp(rng.uniform(np.log(low), np.log(high)))), 4)
+
+    numbers = {"m2": drawn(0.8, 3.0), "m3": drawn(0.5, 2.0), "l2": drawn(0.2, 0.4), "l3": drawn(0.15, 0.35)}
+    gains = {"k1": drawn(80.0, 250.0), "k2": drawn(100.0, 300.0), "k3": drawn(40.0, 120.0)}
+    numbers |= gains | {name.replace("k", "d"): round(0.05 * gain, 2) for name, gain in gains.items()}
+    numbers |= {"mb": drawn(2.0, 8.0), "m1": drawn(1.0, 3.0), "x2": round(float(rng.uniform(-0.1, 0.1)), 3)}
+    numbers |= {"a1": drawn(0.02, 0.1), "a2": drawn(0.02, 0.1), "a3": drawn(0.01, 0.05), "f": drawn(0.05, 0.4)}
+    path = folder / "drawn.xml"
+    path.write_text(DRAWN.format(**numbers))
+    return path
+
+
 LINKS = ((0.1, 1.5), (0.3, 1.8), (0.25, 1.2), (0.1, 0.5), (0.1, 0.4), (0.08, 0.3))
 """Length [m] and mass [kg] of an arm of six joints."""
 

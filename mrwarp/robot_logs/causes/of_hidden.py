@@ -17,14 +17,8 @@ DAMPING = 0.2
 """Damping ratio of the oscillators: with less, their phase would follow from the frequency more closely than a link's
 inertia, which changes with the pose, lets it."""
 
-LEAST = 0.25
-"""Share of the torque's mismatch that an oscillator explains where it is a hypothesis."""
-
 SHARED = 2
 """Joints of which the most is explained, by which a base is judged: it moves all of them, but few show it."""
-
-NEARLY = 0.8
-"""Share of what the best one explains from which another oscillator is its alternative."""
 
 RIGHT = (0.4, 1.6)
 """Sizes of an elastic drive's torque, in what follows from its frequency, with which it is one."""
@@ -35,7 +29,7 @@ def _frequency(at: Place) -> float:
 
 
 def _others(at: Place) -> tuple[str, ...]:
-    """Other hidden motions that explain nearly as much."""
+    """Other hidden motions that explain much of it, too."""
     rivals = at.model.hidden.rivals if at.model.hidden else ()
     return tuple(f"series_elasticity of {at.model.joints[j]}" if j >= 0 else "base_compliance of robot" for j in rivals)
 

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
+from scipy.stats import norm
 
 from mrwarp.robot_logs.causes.of_channels import STANDSTILL
-from mrwarp.robot_logs.causes.of_hidden import DAMPING, HIGHEST, LEAST, LOWEST, NEARLY, RIGHT, SHARED, SMOOTHED, STEPS
+from mrwarp.robot_logs.causes.of_hidden import DAMPING, HIGHEST, LOWEST, RIGHT, SHARED, SMOOTHED, STEPS
 from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
 from mrwarp.robot_logs.replay_model import Hidden, ReplayModel
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog
@@ -53,7 +54,7 @@ def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
     if not found:
         return model
     best, joint = max(found, key=lambda x: x[0].share)
-    rivals = tuple(j for own, j in found if j != joint and own.share > NEARLY * best.share)
+    rivals = tuple(j for _, j in found if j != joint)
     motion = Hidden(joint=joint, frequency=best.frequency, torque=best.torque, share=best.share, rivals=rivals)
     return replace(model, hidden=motion)
 
@@ -80,9 +81,9 @@ def _elastic(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j
             more = np.zeros(x.q.shape)
             more[:, j] = behind(link, run.dt, frequency) - link
             torque.append(more)
-        size, share = _explained(log, along, torque, [j])
+        size, share, clear = _explained(model, log, along, torque, [j])
         # an encoder at the motor does not see the link's swing, one at the link not the motor's, which leads as much
-        if RIGHT[0] < abs(size) < RIGHT[1] and share > max(LEAST, best.share if best else 0.0):
+        if clear and RIGHT[0] < abs(size) < RIGHT[1] and share > (best.share if best else 0.0):
             best = Oscillator(float(frequency), tuple(np.sign(size) * x for x in torque), share)
     return _inside(best, log)
 
@@ -98,20 +99,25 @@ def _base(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques]) -> O
             tilt = -behind(moment - moment.mean(axis=0), run.dt, frequency)
             fast = np.gradient(np.gradient(tilt, run.dt, axis=0), run.dt, axis=0)
             torque.append(np.einsum("nja,na->nj", coupling, fast) + np.einsum("nja,na->nj", lean, tilt))
-        size, share = _explained(log, along, torque, joints)
-        if size > 0.0 and share > max(LEAST, best.share if best else 0.0):
+        size, share, clear = _explained(model, log, along, torque, joints)
+        if clear and size > 0.0 and share > (best.share if best else 0.0):
             best = Oscillator(float(frequency), tuple(size * x for x in torque), share)
     return _inside(best, log)
 
 
 def _explained(
-    log: RobotLog, along: Sequence[JointTorques], torque: Sequence[np.ndarray], joints: Sequence[int]
-) -> tuple[float, float]:
-    """Common size of a torque at some joints, and the share of what is left there that it explains, joints equal.
+    model: ReplayModel,
+    log: RobotLog,
+    along: Sequence[JointTorques],
+    torque: Sequence[np.ndarray],
+    joints: Sequence[int],
+) -> tuple[float, float, bool]:
+    """Common size of a torque at some joints, the share of the rest that it explains, and whether it counts.
 
-    Gains, masses, frictions, offsets and delays of each joint are free.
+    Gains, masses, frictions, offsets and delays of each joint are free; joints count equally. A share counts that is no
+    chance, by the number of oscillators that are tried, and no small part.
     """
-    dots, powers = [], []
+    pairs = []
     for j in joints:
         rows = []
         for run, x, t in zip(log.runs, along, torque, strict=True):
@@ -122,12 +128,24 @@ def _explained(
         full = np.concatenate(rows)
         others, own = full[:, :-2], full[:, -2:]
         rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
-        scale = max(float((rest[:, 1] ** 2).sum()), 1e-300)
-        dots.append(float(rest[:, 0] @ rest[:, 1]) / scale)
-        powers.append(float(rest[:, 0] @ rest[:, 0]) / scale)
-    size = sum(dots) / max(sum(powers), 1e-300)
-    each = sorted(2.0 * size * dot - size**2 * power for dot, power in zip(dots, powers, strict=True))
-    return size, float(np.mean(each[-SHARED:]))
+        pairs.append(rest / np.sqrt(max(float((rest[:, 1] ** 2).sum()), 1e-300)))
+    dots, powers = (np.array([float(p[:, 0] @ p[:, k]) for p in pairs]) for k in (1, 0))
+    size = float(dots.sum() / max(powers.sum(), 1e-300))
+    each = np.sort(2.0 * size * dots - size**2 * powers)
+    share, whole, gain = float(each[-SHARED:].mean()), np.concatenate(pairs), model.settings.gain
+    limit = by_chance(whole[:, 0], whole[:, 1], STEPS * (len(log.joints) + 1), gain.chance)
+    return size, share, share > gain.part and size * float(dots.sum()) / len(joints) > limit
+
+
+def by_chance(x: np.ndarray, y: np.ndarray, tried: int, chance: float) -> float:
+    """Share of the squares of a series, (N,), that an independent one explains in one of so many tries, by this chance.
+
+    The variance of their correlation is the sum of the products of their autocorrelations over N (Bartlett 1935), here
+    by their spectra: neighbouring samples are no news.
+    """
+    powers = [np.abs(np.fft.rfft(z, 2 * len(z))) ** 2 for z in (x, y)]
+    shared = float(np.mean(powers[0] * powers[1]) / max(float(powers[0].mean() * powers[1].mean()), 1e-300))
+    return float(norm.isf(0.5 * chance / tried)) ** 2 * max(shared, 1.0) / len(x)
 
 
 def _tilted(model: ReplayModel, x: JointTorques, run: LogRun) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -69,7 +69,7 @@ def _wrong_speeds(log: RobotLog, settings: Settings) -> dict[str, str]:
 
 
 def _in_common(fits: dict[int, Fit], wrong: dict[int, Fit], tolerated: float) -> str:
-    """What all speeds have in common where they differ from their angles by one factor, in words; else empty."""
+    """The one factor by which all speeds differ from their angles, in words; empty where there is none."""
     factors = np.array([fit.value[0] for fit in wrong.values()])
     if not len(factors) or len(wrong) < len(fits) or min(fit.explained for fit in wrong.values()) < EXPLAINED:
         return ""
@@ -78,15 +78,14 @@ def _in_common(fits: dict[int, Fit], wrong: dict[int, Fit], tolerated: float) ->
         return ""
     return (
         f"is {middle:.3g} times the change of the angle, as that of every joint that moves: either the stamps count "
-        f'{middle:.3g} times the time that passed (then declare the unit of "t", or write right stamps), or all speeds '
-        'have another unit (then declare that of "qd")'
+        f"{middle:.3g} times the time that passed, or all speeds have another unit; declare the unit of t or of qd"
     )
 
 
 def _instead(
     j: int, fit: Fit, joints: Sequence[str], changes: np.ndarray, speeds: np.ndarray, settings: Settings
 ) -> str:
-    """What the speed of a joint is that is not the change of its angle."""
+    """A reading that is not the change of its angle, in words: its factor, whose it is, or neither."""
     size, half = float(fit.value[0]), float(fit.half[0])
     follows = [regressed(speeds[:, j], [x], [], settings.robot.parts).explained for x in changes.T]
     if follows[j] >= settings.gain.half:
