@@ -149,9 +149,13 @@ def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selec
         held = hold_out(problem, own, base, models.reported(own.final))
         return reduction(held, seed)[1], {"torque": Change.of(held.baseline, held.extended)}, held
 
+    def impossible(named: Sequence[str]) -> dict[str, str]:
+        fit = models.reported(with_only(named).final)
+        return {effect: impossible_size(effect, fit, problem.motion.ranges) for effect in named}
+
     named, refused, held = passed(
         selection.named,
-        faults=lambda named: _unknown_sizes(with_only(named), models),
+        faults=impossible,
         errors=errors,
         gains=lambda effect, _: selection.own_gain.get(effect, selection.gain),
         most=problem.settings.gain.share,

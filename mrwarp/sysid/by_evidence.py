@@ -159,18 +159,19 @@ class _Search(Generic[Model, Cause]):
         return self.score(self.model, self.active) - self.score(self.plant.without(self.model, cause), self.active)
 
     def judge(self, cause: Cause) -> tuple[float, bool]:
-        """Log odds of a cause without any nameless structure, and whether such structure explains as much in its place.
+        """Log odds of a cause without any nameless structure, and whether it may be a part of such structure.
 
-        It does where the cause adds nothing to the structure that suits the model without it, and takes less than half
-        of what that does. The variances are learned without the cause: it may not have shaped what it is judged by.
+        It may where it adds nothing to the structure that suits the model without it, and leaves more than half of the
+        mismatch: what takes more than all that is left is no part of that. The variances are learned without the
+        cause: it may not have shaped what it is judged by.
         """
         without = self.plant.without(self.model, cause)
         self.compared.about(without)
-        nothing, alone = (self.score(model, frozenset()) for model in (without, self.model))
-        nameless = self.with_nameless(without)
-        idle = self.with_nameless(self.model) - nameless < self.odds.enters
+        odds = self.score(self.model, frozenset()) - self.score(without, frozenset())
+        adds = min(odds, self.with_nameless(self.model) - self.with_nameless(without))
         self.compared.about(self.model)
-        return alone - nothing, idle and alone - nothing < self.gain.half * (nameless - nothing)
+        with_it, without_it = (self.compared.signals(x).grams[:, -1, -1].sum() for x in (self.model, without))
+        return odds, adds < self.odds.enters and with_it > self.gain.half * without_it
 
     def with_nameless(self, model: Model) -> float:
         """Score of a model with the nameless groups that it needs."""
@@ -225,7 +226,7 @@ def searched_by_evidence(
         suspects |= dict.fromkeys(idle, before)
         judged = {cause: search.judge(cause) for cause in plant.causes(search.model)}
         known = {cause: gain for cause, (gain, _) in judged.items()}
-        weak = [cause for cause, (gain, nameless) in judged.items() if nameless or gain < odds.enters]
+        weak = [cause for cause, (_, part) in judged.items() if part]
         if not weak:
             break
         weakest = min(weak, key=lambda cause: known[cause])
