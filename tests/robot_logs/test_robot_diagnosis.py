@@ -220,7 +220,7 @@ def test_causes_that_gain_nothing_or_cost_a_channel_are_not_named(
         gain, errors, channels = held_out(*args)
         seen.append(gain.ci95)
         if len(seen) == 1:
-            channels = {**channels, "qd": Change(before=1.0, after=after, half=0.2)}
+            channels = {**channels, "qd": Change(before=1.0, after=after)}
             gain = replace(gain, ci95=interval or gain.ci95)
         return gain, errors, channels
 

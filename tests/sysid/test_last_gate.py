@@ -18,7 +18,7 @@ def test_an_interval_of_the_gain_that_includes_none_is_refused() -> None:
 
 @pytest.mark.parametrize(("factor", "grows"), [(0.5, False), (1.01, False), (1.3, True)])
 def test_a_channel_that_pays_is_named(factor: float, grows: bool) -> None:
-    """By the channel's own error; 1 % of growth by chance is none."""
+    """By the channel's own error; growth of 2 % is none here."""
     noise = np.random.default_rng(1).uniform(0.95, 1.05, 8)
     change = Change.of(PIECES, factor**2 * PIECES * noise)
     assert change.share == pytest.approx(factor - 1.0, abs=0.05)
@@ -28,11 +28,6 @@ def test_a_channel_that_pays_is_named(factor: float, grows: bool) -> None:
         )
         and bool(refused((0.1, 0.2), {"qd": change}, 0.02)) == grows
     )
-
-
-def test_a_growth_that_every_piece_shows_is_one_however_small() -> None:
-    """1 % in each piece."""
-    assert "tau" in refused((0.1, 0.2), {"tau": Change.of(PIECES, 1.02 * PIECES)}, 0.02)
 
 
 def test_sizes_that_no_body_has() -> None:
