@@ -267,7 +267,7 @@ def test_the_interval_that_is_reported_decides(low: float, rejected: bool) -> No
 
 
 def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An effect whose interval contains zero once a piece of something larger is out is a suspect as well."""
+    """An effect that no device has in that size once a piece of something larger is out is a suspect as well."""
     hidden = {"torque_sensor_lag": {"time_constant": 0.0015}, "cogging": {"sine": 0.1, "cosine": 0.0, "periods": 25.0}}
     problem = known.problem(hidden, at=known.motion(50, runs=6, seconds=3.0))
     base = known.fitted(problem)
@@ -286,9 +286,9 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
     found, [rejection] = without_parts(models, selection, account)
     assert found.named == ["cogging"] and rejection.effect == "torque_sensor_lag"
     assert through_gate(models, found, 0)[:2] == (found, ())
-    monkeypatch.setattr(proof, "interval", lambda fit, *at: interval(fit, *at) if len(fit.effects) > 1 else (-1.0, 1.0))
+    monkeypatch.setattr(proof, "impossible_size", lambda effect, fit, ranges: "too large")
     found, [rejection], held = through_gate(models, found, 0)
-    assert not found.named and rejection.reason == "its 95 % interval contains zero"
+    assert not found.named and rejection.reason == "too large"
     assert (held.baseline == held.extended).all()
 
 
@@ -305,7 +305,7 @@ def test_the_last_gate_lets_through_what_unseen_runs_gain_by(monkeypatch: pytest
     assert "an inertia is above 0" in rejection.reason
     assert held.extended.sum() < 0.5 * held.baseline.sum()
     healthy = known.problem(at=known.motion(50, runs=6, seconds=3.0))
-    monkeypatch.setattr(proof, "_unknown", lambda *_: "")
+    monkeypatch.setattr(proof, "impossible_size", lambda *_: "")
     models = Models(healthy, known.fitted(healthy))
     alone = replace(lag, base=models.base, final=models.grown(models.base, screened[0]), own_gain={})
     found, [rejection], _ = through_gate(models, alone, 0)
