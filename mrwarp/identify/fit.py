@@ -16,7 +16,6 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
-from mrwarp.identify.checks.bodies_missed import bodies_missed
 from mrwarp.identify.checks.limits import Limits, least_size
 from mrwarp.identify.checks.refusal_reason import followed_instead, missed
 from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
@@ -30,15 +29,17 @@ from mrwarp.identify.parameters import (
     STEEPEST,
     shape_parameters,
 )
-from mrwarp.identify.projection import FEW, Point, Progress, Structure, held_out_ratio, search
+from mrwarp.identify.projection import FEW, NextTo, Point, Progress, Projection, Structure, held_out_ratio, search
 from mrwarp.identify.replay import Replay
 from mrwarp.model_file import Effect
 from mrwarp.params import BoucWenParams, holding_curve
-from mrwarp.recording.data import quantity
+from mrwarp.recording.data import quantity, with_unit
 from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
 from mrwarp.recording.saturation import saturated
 from mrwarp.sysid.settings import Gain, Rest
 
+_INERTIA, _WEIGHT = ("an inertia", "inertia"), ("a weight", "sine", "cosine")
+"""Bodies that may be missed: the name of each, and those of its linear numbers."""
 PARAMETERS = (*LINEAR, *SHAPE)
 """Fitted parameters of eqs. 14 and 15."""
 
@@ -269,7 +270,7 @@ def _missed_text(nrmse: float, recording: Recording, structure: Structure, repla
     """Warning of a large error, with what it follows as far as plain means show that."""
     samples, units = replay.samples, recording.units
     follows = (
-        bodies_missed(structure, replay, point, Motion.of(recording, samples.scales), units)
+        _bodies_missed(structure, replay, point, Motion.of(recording, samples.scales), units)
         or followed_instead(samples, units, left=samples.torque - point.simulated)
         or "'mrwarp diagnose joint' looks for the reason"
     )
@@ -418,3 +419,46 @@ def fit_holding(current: np.ndarray, torque: np.ndarray) -> dict[str, Estimate]:
         name: Estimate(value=value, half=float(wide * s * slope), half_joint=float(wider * s * slope))
         for (name, value), s, slope in zip(values.items(), sigma, slopes, strict=True)
     }
+
+
+def _bodies_missed(structure: Structure, replay: Replay, point: Point, motion: Motion, units: Mapping[str, str]) -> str:
+    """Text on the error of a fit with an inertia, a weight, or both next to it; empty if that is over half as large.
+
+    Args:
+        structure: What was fitted.
+        replay: The samples.
+        point: Where the fit ended.
+        motion: The samples with their acceleration.
+        units: Units of the recording.
+    """
+    samples, scales = replay.samples, replay.samples.scales
+    columns = {"inertia": motion.qdd}
+    parts = [(_INERTIA,)]
+    if units["q"] == "rad":
+        angle = samples.q * scales.q
+        columns |= {"sine": np.sin(angle), "cosine": np.cos(angle)}
+        parts += [(_WEIGHT,), (_INERTIA, _WEIGHT)]
+    weight = samples.settled(structure.slowest(point.theta))
+    before, best = Projection(structure, replay, weight).evaluate(point.theta).sse, np.inf
+    found: dict[str, float] = {}
+    for part in parts:
+        names = [name for _, *own in part for name in own]
+        fitted = Projection(NextTo(structure, {name: columns[name] for name in names}, _INERTIA), replay, weight)
+        there = fitted.descend(point.theta)
+        if there.sse < Gain.half * best:  # two have to be worth it
+            best, found = there.sse, dict(zip(names, there.linear[len(structure.linear) :], strict=True))
+    if not found or best > Gain.half**2 * before:
+        return ""
+    share = 100.0 * float(np.sqrt(best / max(float(weight.sum()), 1.0))) / (float(samples.torque.std()) or 1.0)
+    unit = "kg·m²" if (units["q"], units["torque"]) == ("rad", "N·m") else f"{units['torque']}·s²/{units['q']}"
+    said = []
+    if "inertia" in found:
+        size = found["inertia"] * scales.torque / scales.q
+        said.append(f"{_INERTIA[0]} of {with_unit(f'{size:.3g}', unit)}")
+    if "sine" in found:
+        size = float(np.hypot(found["sine"], found["cosine"])) * scales.torque
+        said.append(f"{_WEIGHT[0]} of {with_unit(f'{size:.3g}', units['torque'])}")
+    return (
+        f"with {' and '.join(said)} next to eq. 14 the fit would miss {share:.0f} %; 'mrwarp diagnose joint' looks for "
+        "what is missing, and puts it into the model"
+    )

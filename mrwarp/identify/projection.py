@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,6 +87,33 @@ class Point:
     """Per cluster: Gram matrix of [columns, d torque/d theta, measured], shape (G, L + p + 1, L + p + 1)."""
     simulated: np.ndarray
     """Torque, shape (N,)."""
+
+
+class NextTo(Structure):
+    """A structure with further linear columns."""
+
+    def __init__(self, inner: Structure, columns: Mapping[str, np.ndarray], positive: Collection[str] = ()) -> None:
+        self.inner, self.added, self.positive = inner, columns, positive
+        self.shape, self.low, self.high, self.grid = inner.shape, inner.low, inner.high, inner.grid
+        self.linear = (*inner.linear, *columns)
+
+    def linear_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Those of the structure; some of the further ones are positive."""
+        low, high = self.inner.linear_bounds()
+        own = [0.0 if name in self.positive else -np.inf for name in self.added]
+        return np.append(low, own), np.append(high, np.full(len(own), np.inf))
+
+    def loop(self, theta: np.ndarray) -> dict[str, float]:
+        """As of the structure."""
+        return self.inner.loop(theta)
+
+    def elements(self, loop: Mapping[str, float]) -> list[dict[str, float]]:
+        """As of the structure."""
+        return self.inner.elements(loop)
+
+    def columns(self, samples: Dataset, elements: np.ndarray) -> np.ndarray:
+        """Those of the structure, and the further ones, shape (N, L)."""
+        return np.column_stack([self.inner.columns(samples, elements), *self.added.values()])
 
 
 class Projection:

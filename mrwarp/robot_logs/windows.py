@@ -290,7 +290,7 @@ def _speeds(run: LogRun) -> np.ndarray:
     if logged is None:
         return found
     read = np.isfinite(logged).all(axis=0)
-    return np.where(read, savgol_filter(np.nan_to_num(logged), min(5, width), 2, axis=0), found)
+    return np.where(read, np.asarray(savgol_filter(np.nan_to_num(logged), min(5, width), 2, axis=0)), found)
 
 
 def _roughness(model: ReplayModel, run: LogRun) -> np.ndarray:

@@ -14,7 +14,7 @@ from mrwarp.env.sim_model import Scene
 from mrwarp.run_dir import atomic_write
 from mrwarp.viewing import shapes
 from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.robot_pictures import size_of
+from mrwarp.viewing.robot_pictures import SideView
 from mrwarp.viewing.shapes import GATE_COLORS, Color
 
 SUFFIXES = (".gif", ".webp")
@@ -51,7 +51,7 @@ class _Stage:
     """
 
     def __init__(self, scene: Scene, robots: int) -> None:
-        self.unit = size_of(scene)
+        self.unit = SideView(scene).unit
         self._scene, self._shapes = scene, shapes.robot_shapes(scene)
         spec = mujoco.MjSpec()
         spec.visual.global_.offwidth, spec.visual.global_.offheight = WIDTH, HEIGHT

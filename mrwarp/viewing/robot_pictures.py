@@ -70,11 +70,6 @@ def _rgb(color: tuple[float, float, float], faded: float = 0.0) -> Rgb:
     return red, green, blue
 
 
-def size_of(scene: Scene) -> float:
-    """Size of the robot relative to the shipped one's."""
-    return scales(scene).length if scene.floating else 1.0
-
-
 class SideView:
     """Draws robots of a scene from their right side, as parallel projections of their shapes.
 
@@ -86,7 +81,7 @@ class SideView:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.unit = size_of(scene)
+        self.unit = scales(scene).length if scene.floating else 1.0
         self._model, self._shapes, self._ground = scene.model, shapes.robot_shapes(scene), ground_of(scene.model)
         self._flat = bool((scene.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any())
         self._trunk = next((s.body for s in self._shapes if s.part is Part.TRUNK), 1)
