@@ -81,7 +81,7 @@ def test_what_fit_writes_is_simulated(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_what_diagnose_writes_is_simulated(tmp_path: Path) -> None:
-    """Dry friction behind a spring, whose loop is over within less than an encoder's step."""
+    """Dry friction behind a spring, whose loop is over within an encoder's step: by a law that turns slower."""
     recording = recorded("stiff", 6)
     rest, gain, *_, top = KINDS["stiff"]
     found = diagnose(recording, effects=("series_compliance",)).model
@@ -89,7 +89,7 @@ def test_what_diagnose_writes_is_simulated(tmp_path: Path) -> None:
     model = load_model(save_model(found, tmp_path / "model.json"))
     bias = 2.0 * REVERSALS * DT  # as above
     assert model.to_params().bouc_wen.sliding_torque(top) == pytest.approx(rest + gain * top, rel=bias)
-    assert simulated(model, recording) < ONE_SAMPLE
+    assert simulated(model, recording) < 1.2 * ONE_SAMPLE
 
 
 def dry() -> Model:
