@@ -161,17 +161,19 @@ class _Search(Generic[Model, Cause]):
     def judge(self, cause: Cause) -> tuple[float, bool]:
         """Log odds of a cause without any nameless structure, and whether it may be a part of such structure.
 
-        It may where it adds nothing to the structure that suits the model without it, and leaves more than half of the
-        mismatch: what takes more than all that is left is no part of that. The variances are learned without the
-        cause: it may not have shaped what it is judged by.
+        It may where it adds nothing to the structure that suits the model without it, takes less than half of what that
+        takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. The
+        variances are learned without the cause: it may not have shaped what it is judged by.
         """
         without = self.plant.without(self.model, cause)
         self.compared.about(without)
-        odds = self.score(self.model, frozenset()) - self.score(without, frozenset())
-        adds = min(odds, self.with_nameless(self.model) - self.with_nameless(without))
+        nothing, alone = (self.score(model, frozenset()) for model in (without, self.model))
+        nameless, both = self.with_nameless(without), self.with_nameless(self.model)
         self.compared.about(self.model)
-        with_it, without_it = (self.compared.signals(x).grams[:, -1, -1].sum() for x in (self.model, without))
-        return odds, adds < self.odds.enters and with_it > self.gain.half * without_it
+        odds, adds = alone - nothing, min(alone - nothing, both - nameless)
+        left = [float(self.compared.signals(x).grams[:, -1, -1].sum()) for x in (without, self.model)]
+        half, enters = self.gain.half, self.odds.enters
+        return odds, adds < enters and odds < max(enters, half * (nameless - nothing)) and left[1] > half * left[0]
 
     def with_nameless(self, model: Model) -> float:
         """Score of a model with the nameless groups that it needs."""
