@@ -105,6 +105,8 @@ def test_fit_refuses_before_it_fits(
 ) -> None:
     """Inputs of later steps are read and checked before the search."""
     monkeypatch.chdir(bench)
+    import mrwarp.identify.mechanics_fit  # noqa: F401 - loaded later, it would keep the stand-in
+
     monkeypatch.setattr("mrwarp.identify.fit.fit", not_reached)
     args, parts = LATE[what]
     before = sorted(bench.rglob("*"))
