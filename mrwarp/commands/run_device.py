@@ -135,7 +135,7 @@ class ExportDevice(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class DevicePage(Options):
-    """Write docs/devices.md and docs/devices from the library, and the numbers of docs/equations.md, in a checkout."""
+    """Write docs/devices.md and docs/devices from the library, and the numbers of docs/joint.md, in a checkout."""
 
     engines: ClassVar[bool] = False
     only_check: opt.Flag = False

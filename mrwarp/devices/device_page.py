@@ -21,7 +21,7 @@ FOLDER = Path("docs/devices")
 PICTURES = Path("docs/images/devices")
 """Pictures of the devices, in the checkout."""
 
-EQUATIONS = Path("docs/equations.md")
+EQUATIONS = Path("docs/joint.md")
 """The page of the equations, whose table of numbers follows from :mod:`mrwarp.params`, in the checkout."""
 
 IN_EQUATIONS = ("BoucWenParams", "HoldParams", "GateParams", "MotorParams", "CoilParams")

@@ -40,7 +40,7 @@ WINDOWS = 3
 
 STILL, SLIPS = 0.01, 0.05
 """A held joint is still below the one speed and slips above the other afterwards [rad/s]; the brake constraint's own
-creep is below 3e-4 (docs/drive.md)."""
+creep is below 3e-4 (docs/determinism.md)."""
 
 GO_ON = 10.0
 """Step of the temperature trace [s]."""

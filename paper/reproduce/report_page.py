@@ -138,7 +138,7 @@ def _verdicts(outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
             except KeyError:  # a row that this run has not, as where no robot arrived
                 continue
     entry = {"name": "claims", "title": "Every claim of the paper that was made", "message": "", "agreement": ""}
-    table = ("Claims and verdicts, see docs/claims.md", pages.CLAIM_HEAD, rows)
+    table = ("Claims and verdicts, see docs/reproduce.md", pages.CLAIM_HEAD, rows)
     return [{**entry, "claims": [], "rows": [], "notes": [], "tables": [table], "pictures": []}] if rows else []
 
 
