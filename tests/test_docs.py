@@ -87,7 +87,7 @@ QUESTIONS = {
     "how to add an effect": ("docs/extend.md", "One file and one line"),
     "what a suspect is": ("docs/diagnosis.md", "A **suspect** is an effect that"),
     "why a cause was not named": ("docs/diagnosis.md", "Look at them in this order"),
-    "which numbers of a robot were guessed": ("docs/robot_import.md", "Which numbers of a robot were guessed?"),
+    "which numbers of a robot were guessed": ("docs/robot.md", "Which numbers of a robot were guessed?"),
 }
 """Questions of a newcomer, each with the page of its answer and words of it."""
 

@@ -116,7 +116,7 @@ class DiagnoseRobot(opt.LogOptions, DiagnoseOptions):
         if kind_of(self.data) is None:
             where = self.data / LOG_FILE if self.data.is_dir() else self.data
             raise ValueError(
-                f"{where}: no such description of a log; write one, see docs/robot_log_format.md, or use "
+                f"{where}: no such description of a log; write one, see docs/robot_logs.md, or use "
                 "'mrwarp diagnose joint' for the recording of a joint"
             )
         check_output(self.rrd, ".rrd")

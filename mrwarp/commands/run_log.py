@@ -46,7 +46,7 @@ class ImportLog(opt.LogOptions):
     Sim's system identification. Of a bag, JointState, Imu, Odometry, PoseStamped and Unitree's LowState and LowCmd are
     found by themselves. A map (JSON) says what files do not: {"robot": "go2.xml", "command": "/topic", "joints":
     {"name in the log": "the robot's name"}, "kp": 20, "kd": {"FL_hip_joint": 0.5}, "tau_is": "estimate", "units":
-    {"q": "deg"}}; all keys: docs/robot_log_format.md.
+    {"q": "deg"}}; all keys: docs/robot_logs.md.
     """
 
     engines = False

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FALL_COST = 1.0
 """Cost of a fall in the reward of a robot on one or two legs. At first it always falls, and the sum of
 its rewards is negative then: without a cost, falling soon is best. Isaac Lab's H1 and G1 pay 4 (200/s in a step of
-20 ms); with that, a G1 here learns to shuffle before it lifts a foot (docs/robot_results.md)."""
+20 ms); with that, a G1 here learns to shuffle before it lifts a foot (docs/robot.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""A robot's log: joints, commands, base and feet over time, as a controller wrote them (docs/robot_log_format.md)."""
+"""A robot's log: joints, commands, base and feet over time, as a controller wrote them (docs/robot_logs.md)."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def _no_gain(path: Path, joint: str, mapped: bool) -> str:
 def _header(path: Path) -> dict[str, Any]:
     file = path / LOG_FILE
     if not file.is_file():
-        raise LogError(f"{file}: {no_file(file, 'description of a log')}; write one, see docs/robot_log_format.md")
+        raise LogError(f"{file}: {no_file(file, 'description of a log')}; write one, see docs/robot_logs.md")
     try:
         header = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

@@ -11,7 +11,7 @@ from enum import Enum, unique
 class Subject(Enum):
     """Subjects of guesses, from what changes the robot most to what changes it least, and how good the guess is.
 
-    The value is how good it is, as the table of docs/robot_import.md has it; the order is that of the list that
+    The value is how good it is, as the table of docs/robot.md has it; the order is that of the list that
     ``mrwarp robot import`` ends with: another machine, another weight, another contact, other torques, other motion.
     """
 

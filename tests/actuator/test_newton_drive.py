@@ -472,17 +472,17 @@ def test_current_of_a_model_file_is_limited_to_what_was_measured(tmp_path: Path)
 
 
 def test_the_documented_scene_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The examples of docs/drive.md as they stand there: the more current, the less far a pendulum swings."""
-    page = (Path(__file__).parents[2] / "docs" / "drive.md").read_text(encoding="utf-8")
+    """The examples of docs/integrations.md as they stand there: the more current, the less far a pendulum swings."""
+    page = (Path(__file__).parents[2] / "docs" / "integrations.md").read_text(encoding="utf-8")
     scene_code, fitted_code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     model_file(tmp_path / "model.json", (effect("cogging"),))
     names: dict[str, Any] = {}
-    exec(compile(scene_code.replace("finalize()", "finalize(device='cpu')"), "docs/drive.md", "exec"), names)
+    exec(compile(scene_code.replace("finalize()", "finalize(device='cpu')"), "docs/integrations.md", "exec"), names)
     angle = names["angle"]
     assert np.all(np.diff(angle) < -0.03)
     assert 1.5 < angle[-1] < angle[0] < 2.6
-    exec(compile(fitted_code.replace("finalize()", "finalize(device='cpu')"), "docs/drive.md", "exec"), names)
+    exec(compile(fitted_code.replace("finalize()", "finalize(device='cpu')"), "docs/integrations.md", "exec"), names)
     (actuator,) = names["model"].actuators
     assert "memory" in vars(actuator.state().drive_state)
 

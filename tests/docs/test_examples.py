@@ -31,8 +31,6 @@ NOT_RUN = {
     "make test": "runs these very tests",
     ". .venv/bin/activate": "is for the reader's shell",
     "pip install": "needs a network",
-    "python3 -m venv": "needs a network",
-    ".venv-new/bin/python": "runs these very tests",
     "torchrun": "tests/rl/test_ranks.py",
     "python -m benchmarks": "minutes to days; tests/benchmarks runs each for a moment",
     "mrwarp diagnose joint runs/hidden": "reads what the command before it hides",

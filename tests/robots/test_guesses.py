@@ -8,7 +8,7 @@ from mrwarp.cli import main
 from mrwarp.robots.guesses import Guess, Subject, sorted_lines
 from tests.robots.conftest import Robot
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "robot_import.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "robot.md"
 
 
 def test_the_table_of_the_documentation_is_this_one() -> None:

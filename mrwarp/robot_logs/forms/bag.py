@@ -1,7 +1,7 @@
 """ROS 2 bags and MCAP files (ROS 1 bags too) as robot logs: read by rosbags, which needs no ROS.
 
 Topics are known by their messages: JointState, Imu, Odometry and PoseStamped, Unitree's LowState and LowCmd. What a bag
-does not say (which topic commands, gains, the robot's own joint names) stands in a map, see docs/robot_log_format.md.
+does not say (which topic commands, gains, the robot's own joint names) stands in a map, see docs/robot_logs.md.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def read_map(path: Path) -> dict[str, Any]:
         LogError: it is no JSON object, or holds keys that mean nothing.
     """
     if not path.is_file():
-        raise LogError(f"{path}: {no_file(path, 'map')}; write one, see docs/robot_log_format.md")
+        raise LogError(f"{path}: {no_file(path, 'map')}; write one, see docs/robot_logs.md")
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
