@@ -16,6 +16,7 @@ from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY, OU
 from mrwarp.robot_logs.channels.hidden_dynamics import with_oscillator
 from mrwarp.robot_logs.channels.motion_channels import one_motion
 from mrwarp.robot_logs.channels.torque_channel import consistent
+from mrwarp.robot_logs.channels.trunk_motion import one_trunk
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
@@ -185,7 +186,7 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
     """
     progress(f"reading {robot}")
     model = replace(replay_model(robot, log, device), settings=settings)
-    log = consistent(model, one_motion(log, model.settings))
+    log = consistent(model, one_trunk(one_motion(log, model.settings), model.settings))
     model = with_oscillator(model, log)
     least, effort = settings.robot.windows, settings.robot_fit
     groups = cut_windows(model, log, budget=effort.seconds)

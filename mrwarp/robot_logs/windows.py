@@ -337,9 +337,17 @@ def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
 
 
 def _attitude(run: LogRun) -> tuple[np.ndarray, np.ndarray]:
-    """Orientation, (N, 4), and angular velocity, (N, 3) [rad/s], of the trunk along a run; level and 0 without."""
+    """Orientation, (N, 4), and angular velocity, (N, 3) [rad/s], of the trunk along a run; level and 0 without.
+
+    Without a gyroscope the velocity is the change of the orientation over four rows.
+    """
     quat = run.base.get("quat", np.tile([1.0, 0.0, 0.0, 0.0], (run.samples, 1)))
-    return quat / np.linalg.norm(quat, axis=1, keepdims=True), run.base.get("gyro", np.zeros((run.samples, 3)))
+    quat = quat / np.linalg.norm(quat, axis=1, keepdims=True)
+    if "gyro" in run.base:
+        return quat, run.base["gyro"]
+    k = np.arange(run.samples)
+    begin, end = np.maximum(k - 2, 0), np.minimum(k + 2, run.samples - 1)
+    return quat, turn_between(quat[begin], quat[end]) / (run.t[end] - run.t[begin])[:, None]
 
 
 def _by_feet(model: ReplayModel, run: LogRun, speed: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:

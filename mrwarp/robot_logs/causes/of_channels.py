@@ -15,6 +15,12 @@ SMOOTHED = 0.1
 STANDSTILL = 0.05
 """Speed within which dry friction changes its sign [rad/s]."""
 
+LATE = 0.01
+"""Time by which a speed may come after the change that it is of [s]: filters of drives delay by a few milliseconds."""
+
+LEANS = 0.1
+"""Angle by which an inertial sensor sits turned on its trunk and is mounted badly [rad]; beyond it axes are others."""
+
 UNLIKE = 3.0
 """Factor by which a channel differs from a torque, either way, that is no gain of a sensor but another unit."""
 

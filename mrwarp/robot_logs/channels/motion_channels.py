@@ -12,13 +12,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL
+from mrwarp.robot_logs.causes.of_channels import EXPLAINED, LATE, SMOOTHED, STANDSTILL
 from mrwarp.robot_logs.channels.torque_channel import Fit, regressed
 from mrwarp.robot_logs.robot_log import LogError, LogRun, RobotLog
 from mrwarp.sysid.settings import Settings
-
-LATE = 0.01
-"""Time by which a speed may come after its angle [s]: filters of drives delay by a few milliseconds."""
 
 
 def one_motion(log: RobotLog, settings: Settings) -> RobotLog:
