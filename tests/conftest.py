@@ -4,6 +4,7 @@ import gc
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 # before NumPy: the processes of `make test` share the cores
@@ -50,6 +51,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def short_gate(monkeypatch: pytest.MonkeyPatch) -> None:
     """Trainings check the gate for 0.1 s on 4 environments, and draw no picture."""
+    _shorten_gate(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def short_gate_of_module() -> Iterator[None]:
+    """As ``short_gate``, for all tests and fixtures of a file."""
+    with pytest.MonkeyPatch.context() as patched:
+        _shorten_gate(patched)
+        yield
+
+
+def _shorten_gate(monkeypatch: pytest.MonkeyPatch) -> None:
     from mrwarp.rl import progress, trainer
     from mrwarp.trials.walking import GateCheck, WalkingGate
 

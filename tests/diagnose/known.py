@@ -16,6 +16,7 @@ from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, shape_coordina
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.model_file import JOINT_UNITS
 from mrwarp.recording.load import Recording, Trajectory
+from mrwarp.sysid.settings import Effort, Law, Settings
 
 TRUTH = {
     "D": -0.01917639, "B": 0.1013626, "C": 0.2160456, "I1": -7.681742e-4, "K0": 0.3992754, "K1": 10.413315,
@@ -24,6 +25,8 @@ TRUTH = {
 """Paper section 4.2."""
 DT = 0.005
 SIGMA = 0.02
+QUICK = Settings(law=Law(structured=100.0), effort=Effort(starts_on=600, samples=600))
+"""Of whole diagnoses without a comparison of laws, and with little boosting."""
 
 
 def swing(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,10 +1,11 @@
 """The first answer: what looks likeliest, said and handed out before anything is checked."""
 
+from dataclasses import replace
 from functools import partial
 
 import pytest
 
-from benchmarks.confusion.case import make_case, make_foreign
+from benchmarks.confusion.case import make_case
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.recording.load import Recording
@@ -25,10 +26,15 @@ def _taken(answers: list[Diagnosis], answer: Diagnosis) -> bool:
     return False
 
 
+def few(recording: Recording) -> Recording:
+    """Its first six runs."""
+    return replace(recording, trajectories=recording.trajectories[:6])
+
+
 def test_a_lag_with_its_size() -> None:
     """The likeliest effect with its number, which stands among the suspects; no verdict, no cause, no model."""
     case = make_case("coil_lag", level=1.5, seed=5, size="small")
-    answer, said = stopped(case.recording)
+    answer, said = stopped(few(case.recording))
     true = case.truth.parameters["coil_lag"]["value"]
     assert not answer.final and answer.verdict is None and not answer.causes and answer.model is None
     best = answer.suspects[0]
@@ -37,15 +43,9 @@ def test_a_lag_with_its_size() -> None:
     assert said[-1].startswith("likely: coil lag about ") and said[-1].endswith("; checking")
 
 
-def test_another_law_is_not_taken_for_an_effect() -> None:
-    """Of a device by Kwok's law with nothing hidden a lag or a friction is not all that is said."""
-    answer, _ = stopped(make_foreign("none", "kwok", share=0.1, seed=3, size="small").recording)
-    assert answer.sentence.startswith("Likely: a hysteresis of another shape")
-
-
 def test_nothing_hidden() -> None:
     """No suspect."""
-    answer, _ = stopped(make_case("none", level=0.0, seed=2, size="small").recording)
+    answer, _ = stopped(few(make_case("none", level=0.0, seed=2, size="small").recording))
     assert (
         not answer.suspects and answer.sentence == "Likely: nothing is missing that these data could show; not checked."
     )

@@ -4,14 +4,10 @@ from dataclasses import replace
 
 import mrwarp
 from mrwarp.diagnose.pipeline import diagnose
-from mrwarp.sysid.settings import Data, Effort, Gain, Law, Settings
+from mrwarp.sysid.settings import Data, Gain, Settings
 from tests.diagnose import known
 
 HIDDEN = {"torque_sensor_lag": {"time_constant": 0.006}}
-
-
-QUICK = Settings(law=Law(structured=100.0), effort=Effort(starts_on=600, samples=600))
-"""Without a comparison of laws, and with little boosting."""
 
 
 def recording(seed: int = 50):
@@ -23,7 +19,7 @@ def recording(seed: int = 50):
 def test_a_cause_becomes_a_suspect_where_a_proof_needs_more() -> None:
     """The lag is named by default."""
     for gain, named in ((Gain(), True), (Gain(one_error=10.0), False)):
-        d = diagnose(recording(), effects=list(HIDDEN), settings=replace(QUICK, gain=gain))
+        d = diagnose(recording(), effects=list(HIDDEN), settings=replace(known.QUICK, gain=gain))
         found = [cause.name for cause in d.causes], [suspect.name for suspect in d.suspects]
         assert found == ((list(HIDDEN), []) if named else ([], list(HIDDEN)))
 

@@ -17,8 +17,8 @@ CASES = Path(__file__).parents[3] / "shared" / "cases"
 def arm(
     inertia: float, weight: float, down: float, spring: float, viscous: float, dry: float, current: str = "none"
 ) -> Recording:
-    """An arm that a controller drives through sines, by Runge and Kutta at 5 kHz; logged at 250 Hz with noise."""
-    rng, runs, dt = np.random.default_rng(5), 6, 2e-4
+    """An arm that a controller drives through sines, by Runge and Kutta at 2 kHz; logged at 250 Hz with noise."""
+    rng, runs, dt = np.random.default_rng(5), 6, 5e-4
     w, a = 2.0 * np.pi * rng.uniform(0.4, 2.0, (2, runs)), rng.uniform(0.3, 0.7, (2, runs))
 
     def drive(t: float, x: np.ndarray) -> np.ndarray:
@@ -30,9 +30,9 @@ def arm(
         return np.stack([x[1], (drive(t, x) - load) / inertia])
 
     x, states, torques = np.zeros((2, runs)), [], []
-    for k in range(15_000):
+    for k in range(6000):
         t = k * dt
-        if k % 20 == 0:
+        if k % 8 == 0:
             states.append(x)
             torques.append(drive(t, x))
         one = rates(t, x)

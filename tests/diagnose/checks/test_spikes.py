@@ -45,7 +45,7 @@ def test_a_strong_effect_is_no_spike() -> None:
 
 def test_the_device_is_found_without_its_spikes() -> None:
     """Inertia as without them; they are counted and noted, not repeatable, and in no figure of error."""
-    found = diagnose(motor(0.015), effects=("rotor_inertia",))
+    found = diagnose(motor(0.015), effects=("rotor_inertia",), settings=known.QUICK)
     spikes, account = found.spikes, found.account
     assert spikes is not None and 40 < spikes.samples < 80 and spikes.of_squared_mismatch > 0.8
     assert any("spikes" in note for note in found.notes)

@@ -106,25 +106,23 @@ def test_unknown_blocks_and_entries_that_were_not_made_are_refused(tmp_path: Pat
         pages.collect((tmp_path,), tmp_path)
 
 
-def test_a_changed_constant_makes_its_entries_stale_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changed_constant_makes_its_entries_stale_and_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Walks rest on kernels; a sentence in them changes nothing, a number all entries that walk, but not the report."""
-    at = Path(gate.__file__)
-    text, real = at.read_text(encoding="utf-8"), Path.read_text
+    at, parse, other = Path(gate.__file__), cache._parse, tmp_path / "gate.py"
+    text, today = at.read_text(encoding="utf-8"), age.hashes()
+    monkeypatch.setattr(cache, "_parse", lambda path: parse.__wrapped__(other) if path == at else parse(path))
 
     def changed(old: str, new: str) -> set[str]:
-        cache._parse.cache_clear()
         assert old in text
-        other = text.replace(old, new, 1)
-        monkeypatch.setattr(Path, "read_text", lambda path, *a, **k: other if path == at else real(path, *a, **k))
+        other.write_text(text.replace(old, new, 1), encoding="utf-8")
         now = age.hashes()
-        monkeypatch.undo()
-        cache._parse.cache_clear()
         return {name for name in now if now[name] != today[name]}
 
-    cache._parse.cache_clear()
-    today = age.hashes()
     assert changed('"""', '"""Other words. ') == set()
     assert {"walks", "table6", "table4", "table2"} <= changed("return", "return 1.0 +")
+    monkeypatch.undo()
     parts = {name: {"rests_on": value} for name, value in today.items()}
     assert age.stale(parts) == [] and age.stale({**parts, "fig5": {}}, today) == ["fig5"]
 

@@ -1,6 +1,7 @@
 """Trainings of the studies: resumed to the same policy, shared by processes, collected with a record."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,8 +43,22 @@ from paper.study.plan import (
     start_file,
 )
 
-pytestmark = pytest.mark.usefixtures("short_gate")
+pytestmark = pytest.mark.usefixtures("short_gate_of_module")
 CFG = StudyCfg(num_envs=4, iterations=2, terrain="flat", seeds=(0,), plants=(CONVENTIONAL, "bouc_wen"))
+
+
+@pytest.fixture(scope="module")
+def trained(short_gate_of_module: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of :data:`CFG`."""
+    folder = tmp_path_factory.mktemp("trained")
+    assert train(CFG, folder, report=lambda line: None)
+    return folder
+
+
+@pytest.fixture
+def runs(trained: Path, tmp_path: Path) -> Path:
+    """A copy of the trained runs, to be changed."""
+    return shutil.copytree(trained, tmp_path / "runs")
 
 
 def test_plants_differ_in_the_device_alone() -> None:
@@ -146,14 +161,14 @@ def test_trainings_begin_with_the_runs_of_a_folder(tmp_path: Path) -> None:
     assert record["command"].endswith(f"--desired-kl 0.01 --entropy 0 --start-from {tmp_path / 'first'}")
 
 
-def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Path) -> None:
+def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(runs: Path, tmp_path: Path) -> None:
     """One update, then on to two, equals two at once; the record says how it was made and holds the curve."""
     once, twice = tmp_path / "once", tmp_path / "twice"
+    runs.rename(once)
     lines: list[str] = []
-    assert train(CFG, once, report=lines.append)
     assert train(replace(CFG, iterations=1), twice, report=lines.append)
     assert train(CFG, twice, report=lines.append)
-    written = [collect(CFG, runs, tmp_path / f"{runs.name}_policies") for runs in (once, twice)]
+    written = [collect(CFG, folder, tmp_path / f"{folder.name}_policies") for folder in (once, twice)]
     obs = torch.linspace(-1.0, 1.0, 94).reshape(2, 47)
     for first, second in zip(*written, strict=True):
         assert torch.equal(OnnxPolicy(first)(obs), OnnxPolicy(second)(obs))
@@ -176,10 +191,10 @@ def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Pat
 
 
 def test_runs_of_other_choices_are_neither_finished_nor_collected(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Randomisation, ground, environments, updates and seed: exit code 2, one line, nothing written."""
-    runs, out = tmp_path / "runs", tmp_path / "out"
+    out = tmp_path / "out"
     options = ["--plants", CONVENTIONAL, "--seeds", "0", "--num-envs", "4", "--iterations", "2", "--runs", str(runs)]
     assert main(["study", "train", *options]) == 0
     before = sorted(runs.rglob("*"))
@@ -212,55 +227,51 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
     assert sorted(path.name for path in out.iterdir()) == ["conventional_seed0.json", "conventional_seed0.onnx"]
 
 
-def test_a_run_that_was_not_ended_is_compared_before_others_train(tmp_path: Path) -> None:
+def test_a_run_that_was_not_ended_is_compared_before_others_train(runs: Path, tmp_path: Path) -> None:
     """A checkpoint of another task in the second run, or of more updates: the first is not begun."""
-    cfg = replace(CFG, plants=("bouc_wen",))
-    assert train(cfg, tmp_path, report=lambda line: None)
-    run = tmp_path / name("bouc_wen", 0)
+    cfg, run = replace(CFG, plants=("bouc_wen",)), runs / name("bouc_wen", 0)
+    shutil.rmtree(runs / name(CONVENTIONAL, 0))
     (run / "result.json").unlink()
     with pytest.raises(FileNotFoundError, match=r"not finished \(2 of 3 updates\)"):
-        collect(replace(cfg, iterations=3), tmp_path, tmp_path / "policies")
+        collect(replace(cfg, iterations=3), runs, tmp_path / "policies")
     for other, text in (
         (replace(CFG, randomize="none"), r"trained with randomize = .* \(asked: None\)"),
         (replace(CFG, iterations=1), r"trained with iterations = 2 \(asked: 1\)"),
         (replace(CFG, start_from=STUDY), "started from networks as drawn, asked for is .*bouc_wen_seed0.onnx"),
     ):
         with pytest.raises(RunError, match=text):
-            train(other, tmp_path, report=lambda line: None)
-    assert [path.name for path in tmp_path.iterdir()] == [run.name]
+            train(other, runs, report=lambda line: None)
+    assert [path.name for path in runs.iterdir()] == [run.name]
 
 
-def test_an_interrupted_training_is_not_finished(tmp_path: Path) -> None:
+def test_an_interrupted_training_is_not_finished(runs: Path, tmp_path: Path) -> None:
     """Even with the updates asked for: its gate was not checked; the same command does it."""
     cfg = replace(CFG, plants=(CONVENTIONAL,))
-    assert train(cfg, tmp_path, report=lambda line: None)
-    result = tmp_path / name(CONVENTIONAL, 0) / "result.json"
+    result = runs / name(CONVENTIONAL, 0) / "result.json"
     content = json.loads(result.read_text())
     result.write_text(json.dumps({**content, "stopped": "interrupted", "gate": None}))
     with pytest.raises(FileNotFoundError, match=r"not finished \(2 of 2 updates\)"):
-        collect(cfg, tmp_path, tmp_path / "policies")
-    assert train(cfg, tmp_path, report=lambda line: None)
+        collect(cfg, runs, tmp_path / "policies")
+    assert train(cfg, runs, report=lambda line: None)
     assert json.loads(result.read_text())["gate"] is not None
-    assert len(collect(cfg, tmp_path, tmp_path / "policies")) == 1
+    assert len(collect(cfg, runs, tmp_path / "policies")) == 1
 
 
-def test_nothing_is_collected_when_a_file_is_missing(tmp_path: Path) -> None:
+def test_nothing_is_collected_when_a_file_is_missing(runs: Path, tmp_path: Path) -> None:
     """The second policy is gone: the first is not written either."""
-    assert train(CFG, tmp_path, report=lambda line: None)
-    (tmp_path / name("bouc_wen", 0) / "policy.onnx").unlink()
+    (runs / name("bouc_wen", 0) / "policy.onnx").unlink()
     with pytest.raises(FileNotFoundError, match=r"bouc_wen_seed0.*policy\.onnx"):
-        collect(CFG, tmp_path, tmp_path / "policies")
+        collect(CFG, runs, tmp_path / "policies")
     assert not (tmp_path / "policies").exists()
 
 
-def test_a_record_ends_where_its_policy_does(tmp_path: Path) -> None:
+def test_a_record_ends_where_its_policy_does(runs: Path, tmp_path: Path) -> None:
     """A run that was collected while a longer training was under way: the checkpoint holds more updates."""
     cfg = replace(CFG, plants=(CONVENTIONAL,))
-    short, long = tmp_path / "short", tmp_path / "long"
-    assert train(cfg, short, report=lambda line: None)
+    long = shutil.copytree(runs, tmp_path / "long")
     assert train(replace(cfg, iterations=3), long, report=lambda line: None)
-    (long / name(CONVENTIONAL, 0) / "checkpoint.pt").replace(short / name(CONVENTIONAL, 0) / "checkpoint.pt")
-    collect(cfg, short, tmp_path / "policies")
+    (long / name(CONVENTIONAL, 0) / "checkpoint.pt").replace(runs / name(CONVENTIONAL, 0) / "checkpoint.pt")
+    collect(cfg, runs, tmp_path / "policies")
     record = json.loads(record_file(tmp_path / "policies", CONVENTIONAL, 0).read_text())
     assert record["iterations"] == 2 and record["curve"]["iteration"] == [1.0, 2.0]
 
