@@ -109,7 +109,7 @@ def test_torch_does_split_large_sums() -> None:
 def test_deterministic_changes_no_bit_on_the_cpu() -> None:
     """MuJoCo-Warp's CPU kernels run in order: the option is accepted, set, and gives the bits of a run without it."""
     first, second = (
-        simulate(threads=1, num_envs=8, steps=20, backend=BackendKind.MJWARP, deterministic=wanted)
+        simulate(threads=1, num_envs=4, steps=6, backend=BackendKind.MJWARP, deterministic=wanted)
         for wanted in (False, True)
     )
     assert_same_bits(second, first)

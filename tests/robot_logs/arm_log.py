@@ -80,39 +80,29 @@ def arm_log(
     return folder
 
 
-HEAVY = """<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
- <body name="base" pos="0 0 0.3"><geom type="cylinder" size="0.1 0.05" mass="4"/>
- <body name="l1" pos="0 0 0.05"><joint name="j1" axis="0 0 1" armature="0.05" damping="0.2" frictionloss="0.2"/>
-  <geom type="capsule" size="0.04" fromto="0 0 0 0 0 0.15" mass="1.5"/>
- <body name="l2" pos="0 0 0.15"><joint name="j2" axis="0 1 0" armature="0.05" damping="0.2" frictionloss="0.2"/>
-  <geom type="capsule" size="0.03" fromto="0 0 0 0 0 0.3" mass="1.5"/>
- <body name="l3" pos="0 0 0.3"><joint name="j3" axis="0 1 0" armature="0.03" damping="0.1" frictionloss="0.1"/>
-  <geom type="capsule" size="0.03" fromto="0 0 0 0.25 0 0" mass="1.0"/>
- </body></body></body></body></worldbody>
- <actuator><position joint="j1" kp="120" kv="6" forcerange="-60 60"/>
-  <position joint="j2" kp="150" kv="8" forcerange="-80 80"/>
-  <position joint="j3" kp="60" kv="3" forcerange="-40 40"/></actuator></mujoco>"""
-
-
-def heavy_arm(folder: Path) -> Path:
-    """Write an arm of three joints on a base of its own, for virtual robots."""
-    path = folder / "heavy.xml"
-    path.write_text(HEAVY)
-    return path
-
-
-DRAWN = """<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
+THREE = """<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
  <body name="base" pos="0 0 0.3"><geom type="cylinder" size="0.1 0.05" mass="{mb}"/>
  <body name="l1" pos="0 0 0.05"><joint name="j1" axis="0 0 1" armature="{a1}" damping="0.2" frictionloss="{f}"/>
   <geom type="capsule" size="0.04" fromto="0 0 0 0 0 0.15" mass="{m1}"/>
  <body name="l2" pos="0 0 0.15"><joint name="j2" axis="0 1 0" armature="{a2}" damping="0.2" frictionloss="{f}"/>
   <geom type="capsule" size="0.03" fromto="0 0 0 {x2} 0 {l2}" mass="{m2}"/>
- <body name="l3" pos="{x2} 0 {l2}"><joint name="j3" axis="0 1 0" armature="{a3}" damping="0.1" frictionloss="{f}"/>
+ <body name="l3" pos="{x2} 0 {l2}"><joint name="j3" axis="0 1 0" armature="{a3}" damping="0.1" frictionloss="{f3}"/>
   <geom type="capsule" size="0.03" fromto="0 0 0 {l3} 0 0" mass="{m3}"/>
  </body></body></body></body></worldbody>
- <actuator><position joint="j1" kp="{k1}" kv="{d1}" forcerange="-90 90"/>
-  <position joint="j2" kp="{k2}" kv="{d2}" forcerange="-120 120"/>
-  <position joint="j3" kp="{k3}" kv="{d3}" forcerange="-60 60"/></actuator></mujoco>"""
+ <actuator><position joint="j1" kp="{k1}" kv="{d1}" forcerange="-{t1} {t1}"/>
+  <position joint="j2" kp="{k2}" kv="{d2}" forcerange="-{t2} {t2}"/>
+  <position joint="j3" kp="{k3}" kv="{d3}" forcerange="-{t3} {t3}"/></actuator></mujoco>"""
+HEAVY = {
+    "mb": 4, "a1": 0.05, "a2": 0.05, "a3": 0.03, "f": 0.2, "f3": 0.1, "m1": 1.5, "m2": 1.5, "m3": 1.0, "x2": 0,
+    "l2": 0.3, "l3": 0.25, "k1": 120, "k2": 150, "k3": 60, "d1": 6, "d2": 8, "d3": 3, "t1": 60, "t2": 80, "t3": 40,
+}  # fmt: skip
+
+
+def heavy_arm(folder: Path) -> Path:
+    """Write an arm of three joints on a base of its own, for virtual robots."""
+    path = folder / "heavy.xml"
+    path.write_text(THREE.format(**HEAVY))
+    return path
 
 
 def drawn_arm(folder: Path, seed: int) -> Path:
@@ -127,8 +117,9 @@ def drawn_arm(folder: Path, seed: int) -> Path:
     numbers |= gains | {name.replace("k", "d"): round(0.05 * gain, 2) for name, gain in gains.items()}
     numbers |= {"mb": drawn(2.0, 8.0), "m1": drawn(1.0, 3.0), "x2": round(float(rng.uniform(-0.1, 0.1)), 3)}
     numbers |= {"a1": drawn(0.02, 0.1), "a2": drawn(0.02, 0.1), "a3": drawn(0.01, 0.05), "f": drawn(0.05, 0.4)}
+    numbers |= {"f3": numbers["f"], "t1": 90, "t2": 120, "t3": 60}
     path = folder / "drawn.xml"
-    path.write_text(DRAWN.format(**numbers))
+    path.write_text(THREE.format(**numbers))
     return path
 
 

@@ -39,7 +39,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
         model.body_inertia[body] *= (model.body_mass[body] + 0.15) / model.body_mass[body]
         model.body_mass[body] += 0.15
 
-    log = arm_log(folder / "log", change=heavier)
+    log = arm_log(folder / "log", seconds=8.0, change=heavier)
     out = folder / "out"
     words = ["diagnose", str(log), "--out", str(out), "--rrd", str(folder / "view.rrd")]
     with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -125,18 +125,12 @@ def test_views_and_devices_are_for_robots_logs(tmp_path: Path, capsys: pytest.Ca
     assert "cuda:99: no such device here" in capsys.readouterr().err and not (tmp_path / "o").exists()
 
 
-def test_the_first_answer_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_the_first_answer_of_a_log(written: Written, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     """``--quick`` ends with it: the fault that stands out, its place and size; no robot, and the robot's file stays."""
-
-    def heavier(model: mujoco.MjModel) -> None:
-        body = model.body("lower").id
-        model.body_inertia[body] *= (model.body_mass[body] + 0.15) / model.body_mass[body]
-        model.body_mass[body] += 0.15
-
-    log, out = arm_log(tmp_path / "log", seconds=8.0, change=heavier), tmp_path / "out"
+    log, out = written.folder / "log", tmp_path / "out"
     out.mkdir()
     robot = out / "robot.xml"
-    (log / "arm.xml").rename(robot)
+    robot.write_bytes((log / "arm.xml").read_bytes())
     (out / "robot.usda").write_text("of an earlier diagnosis")
     assert main(["diagnose", str(log), "--robot", str(robot), "--out", str(out), "--quick"]) == 0
     assert sorted(p.name for p in out.iterdir()) == ["result.json", "robot.xml"]
@@ -154,19 +148,15 @@ def test_the_first_answer_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 def test_the_first_answer_names_what_descriptions_rarely_know(tmp_path: Path) -> None:
-    """Dry friction of the elbow, three times the description's, to a third; of a healthy arm nothing is likely."""
+    """Dry friction of the elbow, three times the description's, to a third."""
 
     def rubs(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[1] += 0.3
 
-    answers = {}
-    for name, change in (("rubs", rubs), ("healthy", None)):
-        log = load_log(arm_log(tmp_path / name, seconds=4.0, change=change))
-        answers[name] = robot_diagnosis.diagnose_log(tmp_path / name / "arm.xml", log, answered=lambda _: False)
-    [best] = answers["rubs"].suspects
+    log = load_log(arm_log(tmp_path, seconds=4.0, change=rubs))
+    [best] = robot_diagnosis.diagnose_log(tmp_path / "arm.xml", log, answered=lambda _: False).suspects
     assert best.name == "coulomb_friction" and best.reason.startswith("at elbow: ")
     assert best.parameters["torque"].value == pytest.approx(0.3, rel=1 / 3)
-    assert answers["healthy"].suspects == () and "no single fault" in answers["healthy"].sentence
 
 
 def test_ctrl_c_keeps_the_first_answer_of_a_log(

@@ -21,7 +21,7 @@ from mrwarp.robot_logs.likelihood import Likelihood, Slopes, _currents_alone, ga
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_fit import FirstLook, fitted_alone, searched
-from mrwarp.robot_logs.robot_log import LogError, load_log
+from mrwarp.robot_logs.robot_log import LogError, RobotLog, load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.selection import (
     Found,
@@ -74,10 +74,42 @@ def late_arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RobotDiagn
         return folder, _diagnosed(folder), found
 
 
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[RobotLog, list[tuple[float, ...]]]:
+    """Log of 4 s of walking with motion capture; time and what the devices remember, at each of the robot's steps."""
+    folder, true, own = tmp_path_factory.mktemp("walked"), [], TrueRobot.advance
+
+    def noted(robot: TrueRobot, seconds: float) -> None:
+        own(robot, seconds)
+        true.append((robot.time, *robot.z))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(TrueRobot, "advance", noted)
+        walk = (("walk", 4.0),)
+        record(LogCfg(robot="mr_go", motions=walk, policy=DEFAULT_POLICY, seed=1, motion_capture=True), folder)
+    return load_log(folder), true
+
+
+@pytest.fixture(scope="module")
+def stood(tmp_path_factory: pytest.TempPathFactory) -> RobotLog:
+    """Log of 4 s of standing with motion capture."""
+    folder = tmp_path_factory.mktemp("stood")
+    record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1, motion_capture=True), folder)
+    return load_log(folder)
+
+
+def blind(log: RobotLog) -> RobotLog:
+    """The log without motion capture."""
+    base = ({name: x for name, x in run.base.items() if name not in ("pos", "vel")} for run in log.runs)
+    return replace(log, runs=tuple(replace(run, base=seen) for run, seen in zip(log.runs, base, strict=True)))
+
+
 def test_a_healthy_log_has_no_cause(healthy_arm: Path) -> None:
     """Another step, cones and noise than the replay's; a command acts at once, which is no negative delay."""
-    d = _diagnosed(healthy_arm)
+    first: list[RobotDiagnosis] = []
+    d = diagnose_log(healthy_arm / "arm.xml", load_log(healthy_arm), answered=lambda early: not first.append(early))
     assert (d.verdict, d.causes) == ("none", ())
+    assert first[0].suspects == () and "no single fault" in first[0].sentence
     assert not np.any(d.theta)
     assert {"trunk_mass", "backlash"} <= {text.partition(":")[0] for text in d.cannot_know}
     assert d.next_experiment is not None and "walk" not in "".join((d.next_experiment.what, *d.cannot_know))
@@ -199,7 +231,6 @@ def test_a_delay_of_more_than_a_row_is_named(late_arm: tuple[Path, RobotDiagnosi
 @pytest.mark.parametrize(
     ("interval", "after", "said"),
     [
-        ((-0.4, -0.1), 1.0, "does not clearly fall"),
         ((-0.1, 0.5), 1.0, "does not clearly fall"),
         (None, 1.1, "of qd grows"),
     ],
@@ -565,23 +596,21 @@ def test_friction_that_a_controller_compensates_is_told(tmp_path: Path) -> None:
     assert any(note.startswith("less friction than described at elbow") for note in d.notes)
 
 
-def test_windows_of_a_walk_begin_where_speeds_are_known(tmp_path: Path) -> None:
+def test_windows_of_a_walk_begin_where_speeds_are_known(
+    walked: tuple[RobotLog, list[tuple[float, ...]]],
+) -> None:
     """Averaged over some samples, a joint's speed is wrong by 1 rad/s where a foot lands: no window begins there.
 
     The trunk's speed is that of feet that bear load, by their forces or by their height, which roll on the ground: a
     foot about to land, 8 mm above the lowest, gave errors of 0.4 m/s. Errors are those that a start may have, up to
     four times where its spread is. Its height is that of feet that sink in by up to the millimetre of solimp's width.
     """
-    cfg = LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1, motion_capture=True)
-    with contextlib.suppress(OSError):
-        record(cfg, tmp_path)
-    log = load_log(tmp_path)
-    (run,) = log.runs
+    log, _ = walked
+    (run,), (unseen,) = log.runs, blind(log).runs
     true = run.base["vel"]
-    blind = replace(run, base={name: x for name, x in run.base.items() if name not in ("pos", "vel")})
     model = replay_model(Path("mr_go"), log)
     joints, trunk = SPEED_STEPS
-    for seen, most in ((blind, trunk), (replace(blind, feet={}), 4.0 * trunk)):
+    for seen, most in ((unseen, trunk), (replace(unseen, feet={}), 4.0 * trunk)):
         (group,) = cut_windows(model, replace(log, runs=(seen,)))
         qd = run.joint["qd"]
         wrong = np.abs(savgol_filter(qd, 5, 2, axis=0) - qd).max(axis=1)
@@ -647,13 +676,12 @@ def test_soft_ground_is_replayed_by_one_into_which_feet_sink(
     assert wrong[1] < 0.8 * wrong[0]
 
 
-def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
+def test_feet_of_a_robot_that_stands_do_not_creep(stood: RobotLog) -> None:
     """Drives that press its feet outwards do not spread its legs, though the trunk may sway.
 
     By no more than its hips drift while it stands: half of what a drift may be.
     """
-    record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1), tmp_path)
-    log = load_log(tmp_path)
+    log = blind(stood)
     model = replay_model(Path("mr_go"), log)
     (group,) = cut_windows(model, log)
     hips = [k for k, joint in enumerate(model.joints) if joint.endswith("hip")]
@@ -667,17 +695,11 @@ def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
     assert abs(np.median((moved * outwards).mean(axis=1))) < 0.5 * CREEP * seconds.max()
 
 
-def test_a_device_remembers_how_it_turned_long_before_a_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_remembers_how_it_turned_long_before_a_window(
+    walked: tuple[RobotLog, list[tuple[float, ...]]],
+) -> None:
     """Started again 30 ms before each window, that of a leg which moves little had a fifth of its hysteresis."""
-    true, own = [], TrueRobot.advance
-
-    def noted(robot: TrueRobot, seconds: float) -> None:
-        own(robot, seconds)
-        true.append((robot.time, *robot.z))
-
-    monkeypatch.setattr(TrueRobot, "advance", noted)
-    record(LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1), tmp_path)
-    log = load_log(tmp_path)
+    log, true = blind(walked[0]), walked[1]
     model = replay_model(Path("mr_go"), log)
     (group,) = cut_windows(model, log)
     time, *memories = np.transpose(true)
@@ -688,26 +710,22 @@ def test_a_device_remembers_how_it_turned_long_before_a_window(tmp_path: Path, m
         assert np.sqrt(np.mean((found - known) ** 2)) < 0.4 * np.sqrt(np.mean(known**2))
 
 
-def test_windows_of_a_robot_at_rest_count_together_once(tmp_path: Path) -> None:
+def test_windows_of_a_robot_at_rest_count_together_once(
+    stood: RobotLog, walked: tuple[RobotLog, list[tuple[float, ...]]]
+) -> None:
     """And each of a walk for itself."""
     counts = {}
-    for motion, seconds in (("stand", 4.0), ("walk", 3.0)):
-        cfg = LogCfg(robot="mr_go", motions=((motion, seconds),), policy=DEFAULT_POLICY, seed=1)
-        with contextlib.suppress(OSError):
-            record(cfg, tmp_path / motion)
-        log = load_log(tmp_path / motion)
+    for motion, log in (("stand", blind(stood)), ("walk", blind(walked[0]))):
         (group,) = cut_windows(replay_model(Path("mr_go"), log), log)
         counts[motion] = float(group.distinct.sum()), group.count
     assert counts["stand"] == (pytest.approx(1.0, abs=0.2), Settings().robot.windows)
     assert counts["walk"][0] == counts["walk"][1]
 
 
-def test_a_steady_pull_accelerates_the_robot_in_the_air(tmp_path: Path) -> None:
+def test_a_steady_pull_accelerates_the_robot_in_the_air(stood: RobotLog) -> None:
     """Without ground under its feet by F/m, along the world's axis: its trunk to a tenth, for legs swing against it."""
-    record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1, motion_capture=True), tmp_path)
-    log = load_log(tmp_path)
-    model = replay_model(Path("mr_go"), log)
-    (group,) = cut_windows(model, log)
+    model = replay_model(Path("mr_go"), stood)
+    (group,) = cut_windows(model, stood)
     high = replace(group, root=group.root + np.eye(13)[2])
     speeds = []
     for newton in (0.0, 10.0):

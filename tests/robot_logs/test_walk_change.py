@@ -42,7 +42,7 @@ def test_friction_and_a_load_cost_power(tmp_path: Path) -> None:
         windows=(),
         seconds=0.0,
     )
-    found = walk_change(d, DEFAULT_POLICY, trials=2, progress=lambda _: None)
+    found = walk_change(d, DEFAULT_POLICY, trials=1, progress=lambda _: None)
     assert found is not None and [len(row) for row in found.rows()] == [len(HEAD)] * 2
     for old, new in zip(found.described, found.extended, strict=True):
         assert old["fell"] == new["fell"] == old["late"] == 0

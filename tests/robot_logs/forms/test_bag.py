@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys.store import Typestore
 
 from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
@@ -27,18 +27,27 @@ EPS = float(np.finfo(np.float32).eps)
 JOINTS = ("hip", "knee")
 
 
-def _make(store: Typestore, kind: str, **fields: Any) -> Any:
-    return store.types[kind](**fields)
+def _nothing(node: Nodetype, of: Any) -> Any:
+    """A field's zero: a number, an empty text, a message of zeros, or as many of them as it holds."""
+    if node in (Nodetype.BASE, Nodetype.NAME):
+        return _message(of) if node == Nodetype.NAME else "" if of[0] == "string" else 0
+    (inner, each), count = of
+    return np.zeros(count, each[0]) if inner == Nodetype.BASE else [_message(each) for _ in range(count)]
+
+
+def _message(kind: str, **fields: Any) -> Any:
+    """A message that holds nothing but these fields."""
+    blank = {name: _nothing(*of) for name, of in STORE.fielddefs[kind][1] if name not in fields}
+    return STORE.types[kind](**blank, **fields)
 
 
 def _stamp(t: float) -> Any:
-    time = _make(STORE, "builtin_interfaces/msg/Time", sec=int(t), nanosec=round((t % 1.0) * 1e9))
-    return _make(STORE, "std_msgs/msg/Header", stamp=time, frame_id="")
+    time = _message("builtin_interfaces/msg/Time", sec=int(t), nanosec=round((t % 1.0) * 1e9))
+    return _message("std_msgs/msg/Header", stamp=time, frame_id="")
 
 
 def _joints(t: float, names: tuple[str, ...], q: list[float], qd: list[float], effort: list[float]) -> Any:
-    return _make(
-        STORE,
+    return _message(
         "sensor_msgs/msg/JointState",
         header=_stamp(t),
         name=list(names),
@@ -68,16 +77,12 @@ def ros_bag(path: Path, plugin: StoragePlugin = StoragePlugin.MCAP, *, other: bo
             if row >= 5:  # the other order of names, as two programs may have it
                 command = _joints(t + 0.002, JOINTS[::-1], [q[1] + 0.1, q[0] + 0.2], [], [])
                 messages.append(("/joint_commands", t + 0.002, command))
-            imu = _make(
-                STORE,
+            imu = _message(
                 "sensor_msgs/msg/Imu",
                 header=_stamp(t + 0.005),
-                orientation_covariance=np.zeros(9),
-                orientation=_make(STORE, "geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.6, w=0.8),
+                orientation=_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.6, w=0.8),
                 angular_velocity=vector(x=t + 0.005, y=0.0, z=0.0),
-                angular_velocity_covariance=np.zeros(9),
                 linear_acceleration=vector(x=0.0, y=0.0, z=9.81),
-                linear_acceleration_covariance=np.zeros(9),
             )
             messages.append(("/imu/data", t + 0.005, imu))
             if other:
@@ -139,103 +144,33 @@ def test_a_map_beside_the_bag_is_read_with_it(tmp_path: Path) -> None:
 
 def unitree_bag(path: Path) -> Path:
     """A Go2's low-level state and commands in a bag without definitions, as ROS 2 Humble writes it."""
-    types = STORE.types
-
-    def make(name: str, **fields: Any) -> Any:
-        return types[f"unitree_go/msg/{name}"](**fields)
-
-    zeros = {
-        "head": np.zeros(2, np.uint8),
-        "level_flag": 0,
-        "frame_reserve": 0,
-        "sn": np.zeros(2, np.uint32),
-        "version": np.zeros(2, np.uint32),
-        "bandwidth": 0,
-        "reserve": 0,
-        "crc": 0,
-        "wireless_remote": np.zeros(40, np.uint8),
-    }
     with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
         state = writer.add_connection("/lowstate", "unitree_go/msg/LowState", typestore=STORE)
         command = writer.add_connection("/lowcmd", "unitree_go/msg/LowCmd", typestore=STORE)
         for row in range(ROWS):
             t = row * 0.002
             motors = [
-                make(
-                    "MotorState",
-                    mode=1,
-                    q=angle(t, k),
-                    dq=0.0,
-                    ddq=0.0,
-                    tau_est=float(k),
-                    q_raw=0.0,
-                    dq_raw=0.0,
-                    ddq_raw=0.0,
-                    temperature=30 + k,
-                    lost=0,
-                    reserve=np.zeros(2, np.uint32),
-                )
+                _message("unitree_go/msg/MotorState", mode=1, q=angle(t, k), tau_est=float(k), temperature=30 + k)
                 for k in range(20)
             ]
-            bms = make(
-                "BmsState",
-                version_high=0,
-                version_low=0,
-                status=0,
-                soc=90,
-                current=0,
-                cycle=0,
-                bq_ntc=np.zeros(2, np.int8),
-                mcu_ntc=np.zeros(2, np.int8),
-                cell_vol=np.zeros(15, np.uint16),
-            )
-            imu = make(
-                "IMUState",
+            imu = _message(
+                "unitree_go/msg/IMUState",
                 quaternion=np.array([1, 0, 0, 0], np.float32),
                 gyroscope=np.array([0.1, 0.2, 0.3], np.float32),
                 accelerometer=np.array([0.0, 0.0, 9.8], np.float32),
-                rpy=np.zeros(3, np.float32),
-                temperature=40,
             )
-            low = make(
-                "LowState",
-                **zeros,
-                imu_state=imu,
-                motor_state=motors,
-                bms_state=bms,
-                tick=row,
-                bit_flag=0,
-                foot_force=np.array([10, 20, 30, 40], np.int16),
-                foot_force_est=np.zeros(4, np.int16),
-                adc_reel=0.0,
-                temperature_ntc1=0,
-                temperature_ntc2=0,
-                power_v=29.5,
-                power_a=1.0,
-                fan_frequency=np.zeros(4, np.uint16),
+            force = np.array([10, 20, 30, 40], np.int16)
+            low = _message(
+                "unitree_go/msg/LowState", imu_state=imu, motor_state=motors, tick=row, foot_force=force, power_v=29.5
             )
+            off = {3: 2.146e9}
             asked = [
-                make(
-                    "MotorCmd",
-                    mode=1,
-                    q=2.146e9 if k == 3 else angle(t, k) + 0.1,
-                    dq=0.0,
-                    tau=0.5,
-                    kp=20.0 + k,
-                    kd=1.0,
-                    reserve=np.zeros(3, np.uint32),
+                _message(
+                    "unitree_go/msg/MotorCmd", mode=1, q=off.get(k, angle(t, k) + 0.1), tau=0.5, kp=20.0 + k, kd=1.0
                 )
                 for k in range(20)
             ]
-            cmd = make(
-                "LowCmd",
-                **zeros,
-                motor_cmd=asked,
-                led=np.zeros(12, np.uint8),
-                fan=np.zeros(2, np.uint8),
-                gpio=0,
-                bms_cmd=make("BmsCmd", off=0, reserve=np.zeros(3, np.uint8)),
-            )
+            cmd = _message("unitree_go/msg/LowCmd", motor_cmd=asked)
             writer.write(state, round(t * 1e9), STORE.serialize_cdr(low, state.msgtype))
             writer.write(command, round((t + 3e-4) * 1e9), STORE.serialize_cdr(cmd, command.msgtype))
     return path
@@ -311,7 +246,7 @@ def two_publishers(path: Path, *, array: bool = False) -> Path:
         state = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=STORE)
         other = writer.add_connection("/debug/joint_trajectory", "std_msgs/msg/Float64MultiArray", typestore=STORE)
         asked = writer.add_connection("/arm_controller/commands", "std_msgs/msg/Float64MultiArray", typestore=STORE)
-        layout = _make(STORE, "std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        layout = _message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
         for row in range(ROWS):
             t = 100.0 + row * DT
             arm = [angle(t, k) for k in range(2)]
@@ -322,7 +257,7 @@ def two_publishers(path: Path, *, array: bool = False) -> Path:
                 messages.append((state, late, _joints(late, ("wheel", "caster"), wheels, [0.0, 0.0], [np.nan, np.nan])))
             if array:
                 data = np.array([arm[1] + 0.1, arm[0] + 0.2, 7.0])
-                values = _make(STORE, "std_msgs/msg/Float64MultiArray", layout=layout, data=data)
+                values = _message("std_msgs/msg/Float64MultiArray", layout=layout, data=data)
                 messages += [(asked, t + 0.002, values), (other, t, values)]
             for topic, when, message in messages:
                 writer.write(topic, round((when + 5.0) * 1e9), STORE.serialize_cdr(message, topic.msgtype))
