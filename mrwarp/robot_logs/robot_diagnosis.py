@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from mrwarp.robot_logs.causes.cause import NUISANCE
 from mrwarp.robot_logs.causes.parameter import Parameter, parameters_of
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY, OUTSIDE, SETUP
+from mrwarp.robot_logs.channels.command_channel import check_commands
 from mrwarp.robot_logs.channels.hidden_dynamics import with_oscillator
 from mrwarp.robot_logs.channels.motion_channels import one_motion
 from mrwarp.robot_logs.channels.torque_channel import consistent
@@ -187,6 +188,7 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
     progress(f"reading {robot}")
     model = replace(replay_model(robot, log, device), settings=settings)
     log = consistent(model, one_trunk(one_motion(log, model.settings), model.settings))
+    check_commands(model, log)
     model = with_oscillator(model, log)
     least, effort = settings.robot.windows, settings.robot_fit
     groups = cut_windows(model, log, budget=effort.seconds)

@@ -140,13 +140,13 @@ def _motions(runs: Sequence[LogRun], channel: str, read: Callable[[np.ndarray], 
 
 def moments(seen: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Standard deviations of two motions, (3,) each, and the correlations of their axes, (3, 3)."""
-    apart, spread = np.maximum(seen.std(axis=0), 1e-12), np.maximum(own.std(axis=0), 1e-12)
+    width, spread = np.maximum(seen.std(axis=0), 1e-12), np.maximum(own.std(axis=0), 1e-12)
     both = (seen - seen.mean(axis=0)).T @ (own - own.mean(axis=0)) / len(seen)
-    return apart, spread, both / np.outer(apart, spread)
+    return width, spread, both / np.outer(width, spread)
 
 
 def agreed(
-    apart: np.ndarray,
+    width: np.ndarray,
     spread: np.ndarray,
     r: np.ndarray,
     tolerated: float,
@@ -159,11 +159,11 @@ def agreed(
     moves they agree.
     """
     spread, r = spread[list(axes)], r[range(3), axes] * signs
-    factor = float(np.linalg.norm(apart) / np.linalg.norm(spread))
-    moving = (np.maximum(spread, apart / factor) > STANDSTILL) | (r**2 > EXPLAINED)
+    factor = float(np.linalg.norm(width) / np.linalg.norm(spread))
+    moving = (np.maximum(spread, width / factor) > STANDSTILL) | (r**2 > EXPLAINED)
     if not moving.any():
         return Agreement(1.0, 1.0, moving)
-    ratio, size = (apart / spread)[moving], np.maximum(np.abs(r[moving]), 1e-6)
+    ratio, size = (width / spread)[moving], np.maximum(np.abs(r[moving]), 1e-6)
     one = (size * ratio < 1.0 + tolerated) & (ratio / size > 1.0 - tolerated)
     return Agreement(float((r * np.abs(r))[moving].min()), 1.0 if one.all() else factor, moving)
 

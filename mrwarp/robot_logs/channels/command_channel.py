@@ -1,0 +1,117 @@
+"""Whether a log's targets are what the drives were asked for: at rest they have to ask for the torque that it takes.
+
+A joint that rests asks for ``kp*(q_des - q) + tau_ff``, which is the torque of gravity (held robots) or of the torque
+channel, up to dry friction. So the target that a rest needs is known. A target that is another number of times it,
+turns the other way, is off by a constant, stands still or is that of another joint is refused, with its size.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL, UNLIKE
+from mrwarp.robot_logs.causes.places import torque_scale
+from mrwarp.robot_logs.channels.joint_torque import gravity_along
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.robot_log import UNITS, LogError, LogRun, RobotLog, reads_torque
+
+
+class Rests(NamedTuple):
+    """Rows in which a joint rests, R of all recordings."""
+
+    angle: np.ndarray
+    """[rad], shape (R,)."""
+    target: np.ndarray
+    """As logged [rad], shape (R,)."""
+    needed: np.ndarray
+    """Targets that each joint's angle and torque need [rad], shape (R, J); NaN where no gain is known."""
+    stiffness: float
+    """Gain of the joint [N·m/rad]."""
+
+
+def check_commands(model: ReplayModel, log: RobotLog) -> None:
+    """Refuse targets that ask resting joints for another torque than they take, where another reading explains it.
+
+    Raises:
+        LogError: a joint's target is in another unit or turned, off by a constant, frozen, or another joint's.
+    """
+    runs = [run for run in log.runs if "q_des" in run.joint and (not model.free or reads_torque(log, run))]
+    every = [_along(model, log, run) for run in runs]
+    wrong: dict[str, list[str]] = {}
+    for j, joint in enumerate(log.joints if every else ()):
+        rests = _rests(every, j)
+        if len(rests.target) > model.settings.robot.parts and (text := _contradiction(model, log, j, rests)):
+            wrong.setdefault(text, []).append(joint)
+    if wrong:
+        said = "; ".join(f"q_des of {', '.join(joints)} {text}" for text, joints in wrong.items())
+        raise LogError(f"{log.path}: {said}")
+
+
+def _along(model: ReplayModel, log: RobotLog, run: LogRun) -> tuple[np.ndarray, ...]:
+    """Which joints rest, angles, targets, needed ones and gains in a row each tenth of a second, (N, J) each."""
+    step = max(1, round(SMOOTHED / run.dt))
+    mean = np.abs(run.joint["q"][step:] - run.joint["q"][:-step]) / (run.t[step:] - run.t[:-step])[:, None]
+    rows = np.arange(step, run.samples - step, step)
+    moves = maximum_filter1d(np.pad(mean, ((0, run.samples - len(mean)), (0, 0)), mode="edge"), 3 * step, axis=0)
+    joint = {name: x[rows] for name, x in run.joint.items()}
+    blank = np.zeros((len(rows), len(log.joints)))
+    kp = np.where(np.isfinite(joint.get("kp", blank + np.nan)), joint.get("kp", blank), log.kp)
+    given = np.nan_to_num(joint.get("tau_ff", blank))
+    takes = joint["tau"] if model.free else gravity_along(model, joint["q"])
+    needed = joint["q"] + (takes - given) / np.where(kp > 0.0, kp, np.nan)
+    return moves[rows] < STANDSTILL, joint["q"], joint["q_des"], needed, kp
+
+
+def _rests(every: list[tuple[np.ndarray, ...]], j: int) -> Rests:
+    """Rows of a joint's rests, for which its target and the need of it are known."""
+    known = [rest[:, j] & np.isfinite(target[:, j] + needed[:, j]) for rest, _, target, needed, _ in every]
+    angle, target, needed, kp = (
+        np.concatenate([own[k][rows] for own, rows in zip(every, known, strict=True)]) for k in range(1, 5)
+    )
+    return Rests(angle[:, j], target[:, j], needed, float(np.median(kp[:, j])) if len(kp) else 0.0)
+
+
+def _contradiction(model: ReplayModel, log: RobotLog, j: int, rests: Rests) -> str:
+    """Why targets cannot be what a joint was asked for, in words; empty where they can, or nothing explains it."""
+    gain, target, own = model.settings.gain, rests.target, rests.needed[:, j]
+    scale, spread = torque_scale(model, log, j), own.std()
+    if rests.stiffness * min(rests.angle.std(), spread) < gain.detail * scale:  # it rests at about one angle
+        return ""
+    slope, share = _slope(target, own)
+    if share > EXPLAINED and slope < 0.0:
+        return f"is {slope:.3g} times what its rests need ({100.0 * share:.0f} % of it): change its sign"
+    if share > EXPLAINED and not 1.0 / UNLIKE < slope < UNLIKE:
+        unit = [name for name, size in UNITS["q_des"].items() if abs(slope * size - 1.0) < 0.1]
+        remedy = (
+            f'declare "units": {{"q_des": "{unit[0]}"}}' if unit else "another unit, or the motor's side: convert it"
+        )
+        return f"is {slope:.3g} times what its rests need ({100.0 * share:.0f} % of it): {remedy}"
+    off = float(np.median(target - own))
+    left = float(((target - own - off) ** 2).mean()) / spread**2
+    if left > 1.0 - gain.detail:
+        if np.ptp(target) == 0.0:
+            low, high = rests.angle.min(), rests.angle.max()
+            return f"stands still while it rests from {low:.3g} to {high:.3g} rad: no command, or a hand moved it"
+        shares = [_slope(target, x)[1] if np.isfinite(x).all() else 0.0 for x in rests.needed.T]
+        best = int(np.argmax(shares))
+        slope = _slope(target, rests.needed[:, best])[0]
+        if shares[best] > EXPLAINED and 1.0 / UNLIKE < slope < UNLIKE:
+            own_ = f"{log.joints[best]} needs ({100.0 * shares[best]:.0f} % of it)"
+            return f"is what {own_}: write each under its joint's name"
+    excess = abs(off) * rests.stiffness
+    if left < 1.0 - EXPLAINED and excess > gain.half * scale:
+        return (
+            f"is {off:+.3g} rad from what its rests need, {excess:.3g} N·m too much: its zero is not that of the "
+            "angle; take it off"
+        )
+    return ""
+
+
+def _slope(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
+    """Factor of a series to another one, (R,), and the share of its variance that follows."""
+    both = float(((y - y.mean()) * (x - x.mean())).mean())
+    power = max(float(x.var()), 1e-300)
+    return both / power, both**2 / max(power * float(y.var()), 1e-300)
