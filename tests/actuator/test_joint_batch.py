@@ -14,17 +14,14 @@ from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.identify.replay import simulate
 from mrwarp.model_file import (
-    JOINT_UNITS,
-    FittedOn,
     Model,
     ModelFileError,
-    Parameter,
     make_effect,
-    parameter_unit,
     save_model,
 )
 from mrwarp.params import MrParams
 from tests.effects.strengths import STRENGTHS
+from tests.models import paper_model
 
 DT = 0.005
 
@@ -40,13 +37,8 @@ def motion(steps: int, shape: tuple[int, ...], seed: int = 0) -> tuple[np.ndarra
 
 def brake(**values: float) -> Model:
     """A model file's content: the paper's numbers but for these, with a coil that lags and a rotor."""
-    known = {**MrParams().to_dict(), **values}
-    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
-    parameters = {name: Parameter(value=known[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
     effects = (make_effect("coil_lag", {"time_constant": 0.02}), make_effect("rotor_inertia", {"inertia": 0.01}))
-    return Model(
-        parameters=parameters, fitted_on=FittedOn(source="x", trajectories=1, samples=1, rate=200.0), effects=effects
-    )
+    return paper_model(*effects, more=("T_max", "K", "n"), **values)
 
 
 def test_it_gives_the_torque_of_the_replay() -> None:

@@ -32,6 +32,7 @@ from mrwarp.model_file import (
 from mrwarp.params import HoldParams, MrParams
 from mrwarp.usd.asset import device_lines, load_robot, with_model
 from mrwarp.usd.open_stage import ASSETS
+from tests.models import LOOP, model_of
 
 EFFECTS = (make_effect("coil_lag", {"time_constant": 0.012}), make_effect("torque_bias", {"bias": 0.07}))
 UNKNOWN = Effect(name="my_own", parameters={"x": Parameter(value=0.3, unit="V", ci95=(0.2, 0.4))})
@@ -145,22 +146,8 @@ def test_a_model_of_other_units_is_not_completed() -> None:
 
 def small(**changes: float) -> Model:
     """A brake of 2.5 N·m at 1 A whose holding nobody measured."""
-    values = {
-        "D": 0.0,
-        "B": 0.01,
-        "C": 0.0,
-        "I1": 0.0,
-        "K0": 0.5,
-        "K1": 24.5,
-        "alpha": 0.1,
-        "beta": 15.0,
-        "gamma": -5.0,
-    }
-    parameters = {
-        name: Parameter(value=v, unit=parameter_unit(name, JOINT_UNITS)) for name, v in {**values, **changes}.items()
-    }
-    origin = FittedOn(source="bench", trajectories=4, samples=4000, rate=1000.0, current=(0.0, 1.0))
-    return Model(parameters=parameters, fitted_on=origin)
+    values = dict(zip(LOOP, (0.0, 0.01, 0.0, 0.0, 0.5, 24.5, 0.1, 15.0, -5.0), strict=True))
+    return model_of({**values, **changes}, rate=1000.0, current=(0.0, 1.0))
 
 
 def test_unmeasured_holding_follows_from_sliding() -> None:

@@ -11,13 +11,14 @@ from mrwarp.cli import check_models, main
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.identify.fit import fit
 from mrwarp.identify.fit_report import to_model
-from mrwarp.model_file import FittedOn, Model, Parameter, load_model, parameter_unit, save_model
+from mrwarp.model_file import Model, load_model, save_model
 from mrwarp.options.command_line import MODELS, option_types
 from mrwarp.options.command_table import COMMANDS, Command, Group
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.usd.asset import load_robot, with_model
 from mrwarp.usd.open_stage import ASSETS
+from tests.models import LOOP, model_of
 
 DT = 0.005
 REVERSALS = 1.4
@@ -94,21 +95,8 @@ def test_what_diagnose_writes_is_simulated(tmp_path: Path) -> None:
 
 def dry() -> Model:
     """A brake whose loop is as steep as a diagnosis may find it on a joint that moves by milliradians."""
-    values = {
-        "D": 0.0,
-        "B": 0.01,
-        "C": 0.0,
-        "I1": 0.0,
-        "K0": 9e6,
-        "K1": 2.4e8,
-        "alpha": 1e4,
-        "beta": 6e7,
-        "gamma": -1e6,
-    }
-    units = {"q": "rad", "current": "A", "torque": "N·m"}
-    parameters = {name: Parameter(value=v, unit=parameter_unit(name, units)) for name, v in values.items()}
-    origin = FittedOn(source="bench", trajectories=4, samples=4000, rate=500.0, current=(0.0, 0.8))
-    return Model(parameters=parameters, fitted_on=origin)
+    values = dict(zip(LOOP, (0.0, 0.01, 0.0, 0.0, 9e6, 2.4e8, 1e4, 6e7, -1e6), strict=True))
+    return model_of(values, rate=500.0, current=(0.0, 0.8))
 
 
 def with_models(entries: Command | Group, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], type]]:

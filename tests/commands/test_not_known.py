@@ -11,12 +11,13 @@ from pxr import Usd
 
 from mrwarp.cli import main
 from mrwarp.energy.thermal import ThermalCfg
-from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, load_model, parameter_unit, save_model, stated
+from mrwarp.model_file import Model, Parameter, load_model, save_model, stated
 from mrwarp.robots.fit_device import stronger
 from mrwarp.trials.mission import heat_of_devices
 from mrwarp.trials.power_meter import coil_loss
 from mrwarp.usd.asset import load_robot, with_model
 from mrwarp.usd.open_stage import ASSETS
+from tests.models import LOOP, model_of
 
 STATED = {
     "coil_resistance": Parameter(value=30.0, unit="Ohm", source="given as --coil-resistance"),
@@ -26,21 +27,8 @@ STATED = {
 
 def brake(**changes: float) -> Model:
     """A brake of 4 N·m at 0.8 A."""
-    values = {
-        "D": 0.0,
-        "B": 0.02,
-        "C": 0.0,
-        "I1": 0.0,
-        "K0": 15.0,
-        "K1": 500.0,
-        "alpha": 0.0,
-        "beta": 70.0,
-        "gamma": 30.0,
-        **changes,
-    }
-    parameters = {name: Parameter(value=v, unit=parameter_unit(name, JOINT_UNITS)) for name, v in values.items()}
-    origin = FittedOn(source="brake", trajectories=1, samples=1, rate=500.0, current=(0.0, 0.8))
-    return Model(parameters=parameters, fitted_on=origin)
+    values = dict(zip(LOOP, (0.0, 0.02, 0.0, 0.0, 15.0, 500.0, 0.0, 70.0, 30.0), strict=True))
+    return model_of({**values, **changes}, source="brake", rate=500.0, current=(0.0, 0.8))
 
 
 def test_a_file_keeps_what_was_stated(tmp_path: Path) -> None:

@@ -13,13 +13,8 @@ from mrwarp.commands.run_walk import Walk
 from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import (
-    JOINT_UNITS,
-    FittedOn,
-    Model,
-    Parameter,
     load_model,
     make_effect,
-    parameter_unit,
     save_model,
 )
 from mrwarp.params import MrParams
@@ -29,18 +24,15 @@ from mrwarp.trials import energy_report, own_robot
 from mrwarp.trials.walking import device_notes, devices_of, foreign_device, largest_difference, limit_note, task_devices
 from mrwarp.usd.asset import most_current
 from mrwarp.usd.robot import CURRENT_GROUPS
+from tests.models import LOOP, model_of, paper_model
 
 
 @pytest.fixture(scope="module")
 def small_brake(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A device a quarter as strong, measured up to 1 A, whose holding nobody measured."""
-    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
     values = {**MrParams().to_dict(), "K0": 0.1, "K1": 2.6}
-    parameters = {name: Parameter(value=values[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
-    origin = FittedOn(source="bench", trajectories=1, samples=1, rate=1000.0, current=(0.0, 1.0))
-    path = tmp_path_factory.mktemp("model") / "small.json"
-    save_model(Model(parameters=parameters, fitted_on=origin, effects=()), path)
-    return path
+    model = model_of({name: values[name] for name in LOOP}, rate=1000.0, current=(0.0, 1.0))
+    return save_model(model, tmp_path_factory.mktemp("model") / "small.json")
 
 
 def test_the_shipped_robot_has_the_papers_device() -> None:
@@ -65,11 +57,7 @@ def test_the_note_names_what_changes_the_torque_most() -> None:
 
 def test_effects_make_another_device(small_brake: Path) -> None:
     """The paper's numbers with a coil that lags are not the paper's device."""
-    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n", "coil_resistance")
-    values = MrParams().to_dict()
-    parameters = {name: Parameter(value=values[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
-    origin = FittedOn(source="bench", trajectories=1, samples=1, rate=200.0)
-    plain = Model(parameters=parameters, fitted_on=origin, effects=())
+    plain = paper_model(more=("T_max", "K", "n", "coil_resistance"))
     lagging = replace(plain, effects=(make_effect("coil_lag", {"time_constant": 0.02}),))
     assert foreign_device(task_devices(TaskCfg(model=plain))) == ""
     assert "its effects" in foreign_device(task_devices(TaskCfg(model=lagging)))

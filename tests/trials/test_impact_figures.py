@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, make_effect, parameter_unit
-from mrwarp.params import MrParams
+from mrwarp.model_file import Effect, Model, make_effect
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.impact_figures import EFFECT_FIGURES, impact_change
+from tests.models import paper_model
 
 POLICY = OnnxPolicy(DEFAULT_POLICY)
 
@@ -19,11 +19,7 @@ SWEEP: dict[str, Any] = {"trials": 10, "currents": (0.0, 1.5)}
 
 def model(*effects: Effect, **more: float) -> Model:
     """The paper's joint, with effects or more parameters."""
-    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "q_offset", "q_center", *more)
-    values = {**MrParams().to_dict(), **more}
-    parameters = {n: Parameter(value=values[n], unit=parameter_unit(n, JOINT_UNITS)) for n in names}
-    origin = FittedOn(source="bench", trajectories=1, samples=1, rate=200.0)
-    return Model(parameters=parameters, fitted_on=origin, effects=effects)
+    return paper_model(*effects, more=("q_offset", "q_center"), **more)
 
 
 def lagging(time_constant: float) -> Model:

@@ -17,36 +17,23 @@ from mrwarp.env.sim_model import build_scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import (
     HOLDING_NOTE,
-    JOINT_UNITS,
     Effect,
-    FittedOn,
-    Model,
     ModelFileError,
     Parameter,
     load_model,
     make_effect,
-    parameter_unit,
     save_model,
 )
-from mrwarp.params import MrParams
 from mrwarp.usd.asset import device_lines, load_bench, load_robot, with_model
 from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS
 from mrwarp.usd.record import RECORD
 from mrwarp.usd.robot import CALVES
+from tests.models import paper_model as model
 
 LAG = make_effect("coil_lag", {"time_constant": 0.03})
 LOG = make_effect("velocity_lag", {"time_constant": 0.01})
 INERTIA = make_effect("rotor_inertia", {"inertia": 0.004})
-
-
-def model(*effects: Effect, **changes: float) -> Model:
-    """The paper's joint with effects."""
-    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
-    values = {name: MrParams().replace(**changes).to_dict()[name] for name in names}
-    parameters = {n: Parameter(value=v, unit=parameter_unit(n, JOINT_UNITS)) for n, v in values.items()}
-    origin = FittedOn(source="bench/fit", trajectories=12, samples=9600, rate=200.0)
-    return Model(parameters=parameters, fitted_on=origin, effects=effects)
 
 
 def test_a_model_reaches_every_mr_joint(tmp_path: Path) -> None:

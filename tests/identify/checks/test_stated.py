@@ -6,10 +6,11 @@ from typing import Any
 import pytest
 
 from mrwarp.identify.checks.stated import coil_resistance, stated_numbers
-from mrwarp.model_file import FittedOn, Model, Parameter, parameter_unit, stated
+from mrwarp.model_file import Model, stated
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, RecordingError
 from tests.identify import synthetic
+from tests.models import model_of
 
 
 def recording(current: str = "A", **header: Any) -> Recording:
@@ -20,10 +21,7 @@ def recording(current: str = "A", **header: Any) -> Recording:
 
 def device(**values: float) -> Model:
     """A device, with what else its file holds."""
-    numbers = {**synthetic.TRUTH, **values}
-    units = {"q": "rad", "current": "A", "torque": "N·m"}
-    parameters = {name: Parameter(value=v, unit=parameter_unit(name, units)) for name, v in numbers.items()}
-    return Model(parameters=parameters, fitted_on=FittedOn(source="a", trajectories=1, samples=1, rate=1.0))
+    return model_of({**synthetic.TRUTH, **values})
 
 
 def test_options_win_over_the_header() -> None:
