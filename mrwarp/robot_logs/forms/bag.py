@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -123,29 +123,34 @@ def _read(path: Path, reader: AnyReader, m: dict[str, Any]) -> RobotLog:
     if sum(c.msgcount for c in reader.connections) > MAX_MESSAGES:
         raise LogError(f"{path}: more than {MAX_MESSAGES:g} messages; cut it with 'ros2 bag convert'")
     role = _roles(path, topics, m)
+    # further topics of a role, which the map names in a list, count as its first
+    first = {t: own[0] for own in (_listed(m.get(x)) for x in ("state", "command")) for t in own}
     series = {name: _Series() for name in role.values()}
     joints = {name: JointMessages() for name in role.values() if _is(topics[name], "JointState", *ARRAYS)}
     by_header, behind = m.get("clock", "header") == "header", list[float]()
-    for connection, stamp, raw in reader.messages([c for c in reader.connections if c.topic in series]):
+    for connection, stamp, raw in reader.messages(
+        [c for c in reader.connections if first.get(c.topic, c.topic) in series]
+    ):
         message: Any = reader.deserialize(raw, connection.msgtype)
         t = 1e-9 * stamp
         header = getattr(message, "header", None)
         if by_header and header is not None and (header.stamp.sec or header.stamp.nanosec):
             t = header.stamp.sec + 1e-9 * header.stamp.nanosec
-            if connection.topic == role["state"]:
+            if first.get(connection.topic, connection.topic) == role["state"]:
                 behind.append(1e-9 * stamp - t)
         if _is(connection.msgtype, *ARRAYS):
             order, meaning = order_of(path, connection.topic, m, len(message.data))
             taken = [k for k, name in enumerate(order) if name]
             # an array has no stamp: it is put on the state's clock by how much later that one was recorded
             t -= float(np.median(behind)) if behind else 0.0
-            joints[connection.topic].add(t, [order[k] or "" for k in taken], {meaning: np.asarray(message.data)[taken]})
+            own = joints[first.get(connection.topic, connection.topic)]
+            own.add(t, [order[k] or "" for k in taken], {meaning: np.asarray(message.data)[taken]})
             continue
-        values = _values(message, connection.msgtype)
-        if connection.topic in joints:
-            joints[connection.topic].add(t, values.pop("names"), values)
+        values, topic = _values(message, connection.msgtype), first.get(connection.topic, connection.topic)
+        if topic in joints:
+            joints[topic].add(t, values.pop("names"), values)
         else:
-            series[connection.topic].add(t, values)
+            series[topic].add(t, values)
     return _joined(path, m, role, {k: s.arrays() for k, s in series.items() if k not in joints}, joints, topics)
 
 
@@ -162,17 +167,13 @@ def _roles(path: Path, topics: Mapping[str, str], m: Mapping[str, Any]) -> dict[
     found: dict[str, str] = {}
     for role, fits in kinds.items():
         if role in m:
-            if m[role] is None or m[role] == "":
+            if not m[role]:
                 continue
-            if m[role] not in topics:
-                near = difflib.get_close_matches(str(m[role]), list(topics), 1)
-                hint = f"is it {near[0]}?" if near else f"topics: {', '.join(sorted(topics))[:300]}"
-                raise LogError(f"{path}: the map's {role} {m[role]!r} is no topic of the bag; {hint}")
-            if not _is(topics[m[role]], *READABLE[role]):
-                raise LogError(
-                    f"{path}: the map's {role} {m[role]!r} is a {topics[m[role]]}; read are {', '.join(READABLE[role])}"
-                )
-            found[role] = m[role]
+            several = _listed(m[role]) if role in ("state", "command") else [m[role]]
+            for name in several:  # several are merged by their joints' names
+                readable = [kind for kind in READABLE[role] if len(several) == 1 or not kind.startswith("Low")]
+                _check_topic(path, topics, role, name, readable)
+            found[role] = several[0]
             continue
         fitting = [t for t in topics if fits(t)]
         named = [t for t in fitting if not _is(topics[t], *ARRAYS)]
@@ -187,7 +188,7 @@ def _roles(path: Path, topics: Mapping[str, str], m: Mapping[str, Any]) -> dict[
         if len(fitting) > 1:
             raise LogError(
                 f"{path}: {len(fitting)} topics could be the {role}: {', '.join(fitting)}; "
-                f'choose one in the map: {{"{role}": "{fitting[0]}"}}'
+                f'choose one in the map: {{"{role}": "{fitting[0]}"}}, or several in a list'
             )
         if fitting:
             found[role] = fitting[0]
@@ -197,6 +198,16 @@ def _roles(path: Path, topics: Mapping[str, str], m: Mapping[str, Any]) -> dict[
             f'{path}: no JointState or LowState; name the topic in the map: {{"state": "/topic"}}; topics: {listed}'
         )
     return found
+
+
+def _check_topic(path: Path, topics: Mapping[str, str], role: str, name: Any, readable: Sequence[str]) -> None:
+    """Refuse a topic of the map that is none of the bag's, or of other messages than those ``readable``."""
+    if not isinstance(name, str) or name not in topics:
+        near = difflib.get_close_matches(str(name), list(topics), 1)
+        hint = f"is it {near[0]}?" if near else f"topics: {', '.join(sorted(topics))[:300]}"
+        raise LogError(f"{path}: the map's {role} {name!r} is no topic of the bag; {hint}")
+    if not _is(topics[name], *readable):
+        raise LogError(f"{path}: the map's {role} {name!r} is a {topics[name]}; read are {', '.join(readable)}")
 
 
 def _is(kind: str, *names: str) -> bool:
@@ -274,7 +285,7 @@ def _joined(
         base["pos"] = _resampled(t, when, pose["pos"])
         if "body_vel" in pose:
             base["vel"] = _resampled(t, when, _turned(pose["turn"], pose["body_vel"]))
-    notes += _not_read(role, topics)
+    notes += _not_read({t for x in (*role.values(), m.get("state"), m.get("command")) for t in _listed(x)}, topics)
     if "quat" in base:
         size = np.linalg.norm(base["quat"], axis=1, keepdims=True)
         base["quat"] = base["quat"] / np.where(size > 0.1, size, 1.0)
@@ -353,20 +364,26 @@ def _asked(
         else:
             when, every = series[topic]
             command = {c: x[:, column] for c, x in every.items()}
-        at = np.searchsorted(when, until, side="right") - 1
-        first = max(first, int(np.searchsorted(at, 0)))
         for channel, x in command.items():
+            given_ = np.isfinite(x)  # what is no number is no command: the last one holds
+            if not given_.any():
+                continue
+            at = np.searchsorted(when[given_], until, side="right") - 1
+            first = max(first, int(np.searchsorted(at, 0)))
             blank = np.full((len(until), len(joints)), np.nan)
-            found.setdefault(rename.get(channel, channel), blank)[:, k] = x[np.maximum(at, 0)]
+            found.setdefault(rename.get(channel, channel), blank)[:, k] = x[given_][np.maximum(at, 0)]
     return found, first
 
 
-def _not_read(role: Mapping[str, str], topics: Mapping[str, str]) -> list[str]:
+def _listed(named: Any) -> list[Any]:
+    """Topics of a role, as the map names one or several."""
+    return named if isinstance(named, list) else [named]
+
+
+def _not_read(taken: set[Any], topics: Mapping[str, str]) -> list[str]:
     """A remark on topics that could hold readings or commands and are not taken."""
     kinds = {"JointTrajectory", "JointTrajectoryControllerState", *(kind for own in READABLE.values() for kind in own)}
-    left = [
-        f"{t} ({kind.rpartition('/')[2]})" for t, kind in topics.items() if t not in role.values() and _is(kind, *kinds)
-    ]
+    left = [f"{t} ({kind.rpartition('/')[2]})" for t, kind in topics.items() if t not in taken and _is(kind, *kinds)]
     return [f"not read: {', '.join(sorted(left))}; the map names other topics"] if left else []
 
 

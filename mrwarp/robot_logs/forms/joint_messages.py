@@ -123,6 +123,7 @@ def order_of(path: Path, topic: str, m: Mapping[str, Any], width: int) -> tuple[
         LogError: the map does not say it, or not of as many numbers.
     """
     order, meaning = m.get("command_order"), m.get("command_is", "q_des")
+    order = order.get(topic) if isinstance(order, dict) else order  # of several topics each has its own
     if not isinstance(order, list) or not order:
         raise LogError(
             f"{path}: {topic} holds arrays of {width} numbers without names; name their joints in the map: "

@@ -306,3 +306,45 @@ def test_an_array_of_commands_takes_its_order_from_the_map(more: dict[str, Any],
     joint = log.runs[0].joint
     np.testing.assert_allclose(joint["q_des"] - joint["q"], np.tile([0.2, 0.1], (ROWS, 1)), rtol=0, atol=EPS)
     assert any("not read: /debug/joint_trajectory (Float64MultiArray)" in note for note in log.notes)
+
+
+def separate_topics(path: Path) -> Path:
+    """An arm and a wheel, each with topics of its own; the arm's first commands, and one later, are no numbers."""
+    kinds = {"/arm/states": "sensor_msgs/msg/JointState", "/wheel/states": "sensor_msgs/msg/JointState"}
+    kinds |= dict.fromkeys(("/arm/commands", "/wheel/commands"), "std_msgs/msg/Float64MultiArray")
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {t: writer.add_connection(t, kind, typestore=STORE) for t, kind in kinds.items()}
+        for row in range(ROWS):
+            t = 100.0 + row * DT
+            arm, wheel = [angle(t, k) for k in range(2)], [angle(t, 2)]
+            asked = [np.nan if row < 3 or row == 50 else 0.001 * row, arm[1] + 0.1]
+            for topic, when, message in (
+                ("/arm/states", t, _joints(t, JOINTS, arm, [0.0, 0.0], [1.0, 2.0])),
+                ("/wheel/states", t, _joints(t, ("wheel",), wheel, [0.0], [np.nan])),
+                ("/arm/commands", t + 0.002, _message(kinds["/arm/commands"], data=np.array(asked))),
+                ("/wheel/commands", t + 0.002, _message(kinds["/wheel/commands"], data=np.array([wheel[0] + 0.2]))),
+            ):
+                raw = STORE.serialize_cdr(message, topics[topic].msgtype)
+                writer.write(topics[topic], round((when + 5.0) * 1e9), raw)
+    return path
+
+
+def test_topics_that_the_map_lists_are_merged(tmp_path: Path) -> None:
+    """Each array of commands has its own order; what is no number is no command, and the last one holds."""
+    bag, states = separate_topics(tmp_path / "bag"), ["/arm/states", "/wheel/states"]
+    order = {"/arm/commands": ["hip", "knee"], "/wheel/commands": ["wheel"]}
+    log = read_bag(bag, {"state": states, "command": list(order), "command_order": order, "kp": 20})
+    joint, rows = log.runs[0].joint, np.arange(3, ROWS)
+    assert log.joints == ("hip", "knee", "wheel") and not any("not read" in note for note in log.notes)
+    np.testing.assert_allclose(joint["q_des"][:, 0], 0.001 * np.where(rows == 50, 49, rows), rtol=0, atol=EPS)
+    np.testing.assert_allclose(
+        (joint["q_des"] - joint["q"])[:, 1:], np.tile([0.1, 0.2], (ROWS - 3, 1)), rtol=0, atol=EPS
+    )
+    for more, said in (
+        ({"state": ["/arm/states", "/wheel/state"]}, "the map's state '/wheel/state' is no topic of the bag; is it"),
+        ({"state": [*states, "/arm/commands"]}, "is a std_msgs/msg/Float64MultiArray; read are JointState"),
+        ({}, "2 topics could be the state"),
+    ):
+        with pytest.raises(RecordingError) as refused:
+            read_bag(bag, {"command": None, "tau_is": "measured", **more})
+        assert said in str(refused.value)
