@@ -210,7 +210,7 @@ def unexplained_of(
     left = [f for f in selection.nameless if not (hidden and f.group.form == LAG)]
     if line is None and not left:
         return None
-    gain, named = sum(f.gain for f in left), 2.0 * sum(selection.odds.values())
+    gain, named = sum(f.gain for f in left), 2.0 * sum(max(odds, 0.0) for odds in selection.odds.values())
     both = gain + (line.gain if line else 0.0)
     share = both / max(named + both, 1e-9)
     if named > 0.0 and share < problem.settings.gain.part:
