@@ -20,6 +20,7 @@ from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshol
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size, without_effect
 from mrwarp.diagnose.residual_structure import LAG, Line, drift_of_zero
 from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces, Tried
+from mrwarp.diagnose.screening import Models, screen
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import measured, sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
@@ -110,7 +111,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         unexplained=unexplained,
         detectable=detectable,
         invisible=invisible,
-        cannot_know=tuple(gaps(recording, problem.settings)),
+        cannot_know=(*gaps(recording, problem.settings), *_spring_or_weight(problem, selection)),
         baseline=baseline,
         extended=extended,
         gain=gain,
@@ -143,6 +144,26 @@ def _accounting(found: Findings, structure: bool) -> Accounting:
     named = max(0.0, selection.gain) / selection.base.total
     predictable = max(0.0, left) / selection.base.total if structure else 0.0
     return Accounting(named=named, predictable=predictable, noise=max(0.0, 1.0 - named - predictable))
+
+
+def _spring_or_weight(problem: Problem, selection: Selection) -> list[str]:
+    """Whether a body's stiffness may be a weight's torque: next to gravity it is not clear of zero."""
+    fit, named, stiffness = selection.final, selection.named, LINEAR.index("C")
+    if "rotor_inertia" not in named or "gravity" in named or not problem.motion.ranges.radian:
+        return []
+    low, _ = interval(fit, stiffness, covariance(fit))
+    if low <= 0.0:
+        return []
+    with_weight = Models(problem, selection.base).grown(fit, screen(problem, fit, ["gravity"])[0])
+    low, _ = interval(with_weight, stiffness, covariance(with_weight))
+    if low > 0.0:
+        return []
+    value = fit.x[stiffness] * problem.motion.scales.factor("C")
+    size = f"{value:.3g} {parameter_unit('C', problem.units)}"
+    return [
+        f"whether the stiffness of {size} is a spring or a weight: swings as small as these show both alike; let the "
+        "joint swing by a radian or more to either side"
+    ]
 
 
 def _repeatable(found: Findings) -> Unexplained | None:

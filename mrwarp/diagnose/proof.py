@@ -20,7 +20,7 @@ from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import Ranges
-from mrwarp.identify.parameters import LINEAR, YIELDING, row_column
+from mrwarp.identify.parameters import YIELDING, row_column
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import by_ratio, two_sizes
 from mrwarp.sysid.jackknife import sum_and_error
@@ -318,8 +318,8 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     counts, bears = problem.weight > 0.0, fit.torque - without_effect(problem, fit, effect)
     if KNOWN[effect].rare and np.mean([bears[part].any() for part in problem.motion.parts]) < 0.5:
         return KNOWN[effect].rare
-    if KNOWN[effect].mechanics:  # inertia opposes a weight and a spring: what they bear together counts
-        bears = fit.torque - without_mechanics(problem, fit)
+    if KNOWN[effect].mechanics:  # inertia opposes a weight, a spring and friction: each may bear more than all do
+        return ""
     borne = float(bears[counts].std() / max(torque[counts].std(), 1e-12))
     return f"it would bear {borne:.2g} times the torque, which another term takes back" if borne > 1.0 else ""
 
@@ -344,17 +344,6 @@ def impossible_size(effect: str, fit: Fit, ranges: Ranges) -> str:
 def would_be_negative(effect: str, value: float) -> bool:
     """Whether the first number of an effect has a sign that no device has."""
     return bool(KNOWN[effect].positive) and value <= 0.0
-
-
-def without_mechanics(problem: Problem, fit: Fit) -> np.ndarray:
-    """Torque of a model without inertia, gravity, friction, viscosity and stiffness, all else kept, shape (N,)."""
-    row = fit.row
-    row[[LINEAR.index("B"), LINEAR.index("C")]] = 0.0
-    for effect in fit.effects:
-        if KNOWN[effect].mechanics:
-            for parameter in KNOWN[effect].parameters:
-                row[row_column(effect, parameter.name)] = parameter.null
-    return problem.replay.torque(row[None])[0].astype(float)
 
 
 def without_effect(problem: Problem, fit: Fit, effect: str) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Units: what the diagnosis writes for any device can be read again, and numbers scale as the device does."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.findings import outer_model, suspects_of, unexplained_of
+from mrwarp.diagnose.findings import _spring_or_weight, outer_model, suspects_of, unexplained_of
 from mrwarp.diagnose.held_out import Predictor
 from mrwarp.diagnose.problem import fit_model
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size
@@ -161,3 +161,15 @@ def test_a_suspect_says_whether_a_device_can_have_it(effect: str, numbers: dict[
     found = SimpleNamespace(problem=problem, rejected=(rejection,), recording=recording, seed=1)
     [suspect] = suspects_of(cast(Any, found))
     assert suspect.possible == possible and suspect.reason == reason
+
+
+@pytest.mark.parametrize(("effects", "C", "alike"), [({"gravity": {"sine": 3.0}}, 0.0, True), ({}, 3.0, False)])
+def test_a_spring_and_a_weight_are_one_stiffness_in_small_swings(effects: dict, C: float, alike: bool) -> None:
+    """A pendulum's stiffness may be a spring's; a true spring's is clear of zero next to gravity."""
+    problem = known.problem({"rotor_inertia": {"inertia": 0.02}, **effects}, seed=60, sigma=0.005, C=C)
+    fit = known.fitted(problem, {"rotor_inertia": {"inertia": 0.02}})
+    base = known.fitted(problem)
+    selection = Selection(base=base, final=fit, screened=[], fits={}, leftovers=[])
+    said = _spring_or_weight(problem, selection)
+    assert bool(said) == alike and all("a spring or a weight" in text for text in said)
+    assert not _spring_or_weight(problem, replace(selection, final=base))
