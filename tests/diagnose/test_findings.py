@@ -163,13 +163,13 @@ def test_a_suspect_says_whether_a_device_can_have_it(effect: str, numbers: dict[
     assert suspect.possible == possible and suspect.reason == reason
 
 
-@pytest.mark.parametrize(("effects", "C", "alike"), [({"gravity": {"sine": 3.0}}, 0.0, True), ({}, 3.0, False)])
-def test_a_spring_and_a_weight_are_one_stiffness_in_small_swings(effects: dict, C: float, alike: bool) -> None:
+@pytest.mark.parametrize(("effects", "C", "open_"), [({"gravity": {"sine": 3.0}}, 0.0, True), ({}, 3.0, False)])
+def test_a_spring_and_a_weight_are_one_stiffness_in_small_swings(effects: dict, C: float, open_: bool) -> None:
     """A pendulum's stiffness may be a spring's; a true spring's is clear of zero next to gravity."""
     problem = known.problem({"rotor_inertia": {"inertia": 0.02}, **effects}, seed=60, sigma=0.005, C=C)
     fit = known.fitted(problem, {"rotor_inertia": {"inertia": 0.02}})
     base = known.fitted(problem)
     selection = Selection(base=base, final=fit, screened=[], fits={}, leftovers=[])
     said = _spring_or_weight(problem, selection)
-    assert bool(said) == alike and all("a spring or a weight" in text for text in said)
+    assert bool(said) == open_ and all("a spring or a weight" in text for text in said)
     assert not _spring_or_weight(problem, replace(selection, final=base))
