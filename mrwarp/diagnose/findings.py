@@ -161,8 +161,8 @@ def _spring_or_weight(problem: Problem, selection: Selection) -> list[str]:
     value = fit.x[stiffness] * problem.motion.scales.factor("C")
     size = f"{value:.3g} {parameter_unit('C', problem.units)}"
     return [
-        f"whether the stiffness of {size} is a spring or a weight: in swings as small as these both are the same torque; let the "
-        "joint swing by a radian or more to either side"
+        f"whether the stiffness of {size} is a spring or a weight: in swings as small as these both are the same "
+        "torque; let the joint swing by a radian or more to either side"
     ]
 
 

@@ -121,6 +121,7 @@ class _Search(Generic[Model, Cause]):
         self.groups = range(int(self.compared.signals(plant.base).group.max(initial=-1)) + 1)
         self.steps: list[list[tuple[str, float]]] = []
         self.out: set[Cause] = set()
+        self._judged: dict[tuple[Model, Cause], tuple[float, bool]] = {}
 
     def score(self, model: Model, active: Active) -> float:
         """Log evidence with the prior odds against what has no name."""
@@ -165,6 +166,11 @@ class _Search(Generic[Model, Cause]):
         takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. The
         variances are learned without the cause: it may not have shaped what it is judged by.
         """
+        if (key := (self.model, cause)) not in self._judged:
+            self._judged[key] = self._judge(cause)
+        return self._judged[key]
+
+    def _judge(self, cause: Cause) -> tuple[float, bool]:
         without = self.plant.without(self.model, cause)
         self.compared.about(without)
         nothing, alone = (self.score(model, frozenset()) for model in (without, self.model))
