@@ -27,6 +27,9 @@ NO_LIMIT = 1e6
 LONGEST_STEP = 0.0011
 """Longest physics step of a replay [s]: a longer one answers noticeably later than the robot."""
 
+LONGEST_DELAY = 0.03
+"""Time before a window from which a replay knows commands [s]."""
+
 LEVEL = 0.002
 """Feet that are no further than this above the lowest one bear load, where the log has no forces of feet [m]: one that
 is about to land moves at the robot's speed."""

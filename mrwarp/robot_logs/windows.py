@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 
 from mrwarp.robot_logs.channels.joint_torque import gravity_along
 from mrwarp.robot_logs.drive_kernel import memory_kernel
-from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel, Stance
+from mrwarp.robot_logs.replay_model import LONGEST_DELAY, LONGEST_STEP, ReplayModel, Stance
 from mrwarp.robot_logs.robot_log import LARGEST_GAP, LogRun, RobotLog, reads_torque
 
 SECONDS = {"fixed": 0.6, "free": 0.3, "driven": 0.3}
@@ -133,7 +133,7 @@ class Windows:
 
 
 def cut_windows(
-    model: ReplayModel, log: RobotLog, *, budget: float = 60.0, longest_delay: float = 0.03
+    model: ReplayModel, log: RobotLog, *, budget: float = 60.0, longest_delay: float = LONGEST_DELAY
 ) -> list[Windows]:
     """Windows of a log, side by side; where it is longer than ``budget`` [s], evenly chosen ones.
 

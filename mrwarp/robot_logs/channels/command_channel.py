@@ -7,6 +7,7 @@ turns the other way, is off by a constant, stands still or is that of another jo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,8 @@ from scipy.ndimage import maximum_filter1d
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL, UNLIKE
 from mrwarp.robot_logs.causes.places import torque_scale
-from mrwarp.robot_logs.channels.joint_torque import gravity_along
-from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.channels.joint_torque import gravity_along, torques_along
+from mrwarp.robot_logs.replay_model import LONGEST_DELAY, ReplayModel
 from mrwarp.robot_logs.robot_log import UNITS, LogError, LogRun, RobotLog, reads_torque
 
 
@@ -36,7 +37,8 @@ def check_commands(model: ReplayModel, log: RobotLog) -> None:
     """Refuse targets that ask resting joints for another torque than they take, where another reading explains it.
 
     Raises:
-        LogError: a joint's target is in another unit or turned, off by a constant, frozen, or another joint's.
+        LogError: a joint's target is in another unit or turned, off by a constant, frozen, or another joint's; or all
+            act at another time than any replay looks for.
     """
     runs = [run for run in log.runs if "q_des" in run.joint and (not model.free or reads_torque(log, run))]
     every = [_along(model, log, run) for run in runs]
@@ -48,6 +50,35 @@ def check_commands(model: ReplayModel, log: RobotLog) -> None:
     if wrong:
         said = "; ".join(f"q_des of {', '.join(joints)} {text}" for text, joints in wrong.items())
         raise LogError(f"{log.path}: {said}")
+    if not model.free and (text := _late(model, log, runs)):
+        raise LogError(f"{log.path}: q_des {text}")
+
+
+def _late(model: ReplayModel, log: RobotLog, runs: Sequence[LogRun]) -> str:
+    """How much later than any replay looks back targets act, in words; empty where they do not.
+
+    By the least squares between the torque that shifted targets ask for and the one that rigid bodies need.
+    """
+    scale = np.array([torque_scale(model, log, j) for j in range(len(log.joints))])
+    most = 20.0 * LONGEST_DELAY
+    times = np.linspace(-most, most, 81)
+    left = np.zeros(len(times))
+    for run in runs:
+        x, target = torques_along(model, log, run, SMOOTHED), run.joint["q_des"]
+        gain = np.broadcast_to(np.nan_to_num(run.joint.get("kp", log.kp)), target.shape)
+        inner = (run.t > most) & (run.t < run.t[-1] - most)
+        for k, late in enumerate(times):
+            row = np.maximum(np.searchsorted(run.t, run.t[inner] - late, side="right") - 1, 0)
+            asked = x.asked[inner] + gain[inner] * np.nan_to_num(target[row] - target[inner])
+            left[k] += float((((asked - x.rigid[inner]) / scale) ** 2).sum())
+    late, now = float(times[np.argmin(left)]), left[len(times) // 2]
+    if not now or abs(late) <= LONGEST_DELAY or left.min() > (1.0 - EXPLAINED) * now:
+        return ""
+    when = "after" if late > 0.0 else "before"
+    return (
+        f"acts {1e3 * abs(late):.0f} ms {when} its row, which explains {100.0 * (1.0 - left.min() / now):.0f} % of the "
+        "torque that rigid bodies leave: log commands and readings by one clock, or shift its stamps"
+    )
 
 
 def _along(model: ReplayModel, log: RobotLog, run: LogRun) -> tuple[np.ndarray, ...]:

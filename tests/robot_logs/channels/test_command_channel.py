@@ -46,8 +46,10 @@ def asked(log: RobotLog, change: Callable[[np.ndarray], np.ndarray]) -> RobotLog
         (lambda x: x[:, [1, 2, 0]], "q_des of j2 is what j3 needs"),
         (lambda x: x + [0.0, 0.5, 0.0], "q_des of j2 is +0.5"),
         (lambda x: np.where([False, False, True], x[0], x), "q_des of j3 stands still while it rests from"),
+        (lambda x: np.concatenate([x[20:], np.repeat(x[-1:], 20, axis=0)]), "q_des acts 1"),
+        (lambda x: np.concatenate([np.repeat(x[:1], 20, axis=0), x[:-20]]), "ms before its row"),
     ],
-    ids=["degrees", "one in degrees", "sign", "order", "offset", "frozen"],
+    ids=["degrees", "one in degrees", "sign", "order", "offset", "frozen", "late", "early"],
 )
 def test_targets_that_rests_contradict_are_refused(
     change: Callable[[np.ndarray], np.ndarray], said: str, healthy: tuple[ReplayModel, RobotLog]
@@ -62,7 +64,9 @@ def test_targets_that_rests_contradict_are_refused(
     assert not any(f"of {joint} " in str(refused.value) for joint, same in zip(log.joints, right, strict=True) if same)
 
 
-@pytest.mark.parametrize("hide", ["encoder_offset=j2:0.1", "link_mass=l3:2", "kp=*:0.6", "coulomb_friction=j2:4"])
+@pytest.mark.parametrize(
+    "hide", ["encoder_offset=j2:0.1", "link_mass=l3:2", "kp=*:0.6", "coulomb_friction=j2:4", "command_delay=0.02"]
+)
 def test_faults_of_robots_are_none_of_their_targets(hide: str, tmp_path: Path) -> None:
     """They droop and stick, and are for the replay to name."""
     check_commands(*arm(tmp_path, hide))
