@@ -20,7 +20,7 @@ from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import Ranges
-from mrwarp.identify.parameters import YIELDING, row_column
+from mrwarp.identify.parameters import LINEAR, YIELDING, row_column
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.certainty import by_ratio, two_sizes
 from mrwarp.sysid.jackknife import sum_and_error
@@ -318,6 +318,8 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     counts, bears = problem.weight > 0.0, fit.torque - without_effect(problem, fit, effect)
     if KNOWN[effect].rare and np.mean([bears[part].any() for part in problem.motion.parts]) < 0.5:
         return KNOWN[effect].rare
+    if KNOWN[effect].needs == "angle" and interval(fit, LINEAR.index("C"), covariance(fit))[1] < 0.0:
+        return "next to this weight the spring C would push away from its rest, which none does"
     if KNOWN[effect].mechanics:  # inertia opposes a weight, a spring and friction: each may bear more than all do
         return ""
     borne = float(bears[counts].std() / max(torque[counts].std(), 1e-12))

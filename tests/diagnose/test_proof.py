@@ -185,6 +185,14 @@ def test_a_mass_against_its_spring_is_possible() -> None:
     assert not _size_rejection("rotor_inertia", both, problem)
 
 
+@pytest.mark.parametrize(("C", "possible"), [(-1.0, False), (0.0, True), (1.0, True)])
+def test_a_weight_next_to_a_spring_that_pushes_away_is_impossible(C: float, possible: bool) -> None:
+    """The two would cancel but for the bend of the sine, which may be any structure over the angle."""
+    weight = {"gravity": {"sine": 2.0, "cosine": 0.1}}
+    problem = known.problem(weight, seed=50, C=C, at=known.motion(50, runs=4, seconds=2.0))
+    assert ("push" in _size_rejection("gravity", known.fitted(problem, weight), problem)) != possible
+
+
 @pytest.mark.parametrize(("share", "possible"), [(0.2, True), (0.3, False)])
 def test_a_law_says_how_large_each_of_its_numbers_may_be(share: float, possible: bool) -> None:
     """Stribeck friction over a quarter of the speeds and more is none."""
