@@ -148,13 +148,15 @@ def _accounting(found: Findings, structure: bool) -> Accounting:
 
 def _spring_or_weight(problem: Problem, selection: Selection) -> list[str]:
     """Whether a body's stiffness may be a weight's torque: next to gravity it is not clear of zero."""
-    fit, named, stiffness = selection.final, selection.named, LINEAR.index("C")
-    if "rotor_inertia" not in named or "gravity" in named or not problem.motion.ranges.radian:
+    fit, stiffness = selection.final, LINEAR.index("C")
+    mechanics = [effect for effect in selection.named if CATALOGUE[effect].mechanics]
+    weight = [name for name, law in CATALOGUE.items() if law.needs == "angle"]
+    if not mechanics or set(weight) & set(fit.effects) or not problem.motion.ranges.radian:
         return []
     low, _ = interval(fit, stiffness, covariance(fit))
     if low <= 0.0:
         return []
-    with_weight = Models(problem, selection.base).grown(fit, screen(problem, fit, ["gravity"])[0])
+    with_weight = Models(problem, selection.base).grown(fit, screen(problem, fit, weight)[0])
     low, _ = interval(with_weight, stiffness, covariance(with_weight))
     if low > 0.0:
         return []
