@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -16,8 +15,8 @@ def test_a_walk_is_timed_and_checked() -> None:
     walk = Walk("bouc_wen", OnnxPolicy(DEFAULT_POLICY), num_envs=2, steps=3, seconds=1.0)
     turns = [walk.turn() for _ in range(20)]
     assert all(0.0 < times["physics"] < times["robot"] for times in turns)
-    # the environment is timed in other steps than its parts, and takes little more than the robot
-    robot, env = (float(np.median([times[part] for times in turns])) for part in ("robot", "env"))
+    # the environment is timed in other steps than its parts, and takes little more than the robot; others use the machine
+    robot, env = (min(times[part] for times in turns) for part in ("robot", "env"))
     assert robot < 1.1 * env
     qpos = walk.env.view(walk.env.sim.backend.field("qpos")).clone()
     assert walk.plain_turn()["plain"] > 0.0
