@@ -15,7 +15,7 @@ def test_a_walk_is_timed_and_checked() -> None:
     walk = Walk("bouc_wen", OnnxPolicy(DEFAULT_POLICY), num_envs=2, steps=3, seconds=1.0)
     turns = [walk.turn() for _ in range(20)]
     assert all(0.0 < times["physics"] < times["robot"] for times in turns)
-    # the environment is timed in other steps than its parts, and takes little more than the robot; others use the machine
+    # the environment is timed in other steps than its parts, and takes little more than the robot: the least count
     robot, env = (min(times[part] for times in turns) for part in ("robot", "env"))
     assert robot < 1.1 * env
     qpos = walk.env.view(walk.env.sim.backend.field("qpos")).clone()
