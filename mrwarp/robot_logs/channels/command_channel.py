@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
+from scipy.signal import lfilter
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL, UNLIKE
 from mrwarp.robot_logs.causes.places import torque_scale
@@ -57,26 +58,32 @@ def check_commands(model: ReplayModel, log: RobotLog) -> None:
 def _late(model: ReplayModel, log: RobotLog, runs: Sequence[LogRun]) -> str:
     """How much later than any replay looks back targets act, in words; empty where they do not.
 
-    By the least squares between the torque that shifted targets ask for and the one that rigid bodies need.
+    By the least squares between the torque that shifted targets ask for and the one that rigid bodies need. Where a
+    first-order lag of the targets does as well, the replay looks for that.
     """
     scale = np.array([torque_scale(model, log, j) for j in range(len(log.joints))])
     most = 20.0 * LONGEST_DELAY
     times = np.linspace(-most, most, 81)
-    left = np.zeros(len(times))
+    left, lagged = np.zeros(len(times)), np.full(len(times), np.inf)
+    lagged[times > 0.0] = 0.0
     for run in runs:
-        x, target = torques_along(model, log, run, SMOOTHED), run.joint["q_des"]
-        gain = np.broadcast_to(np.nan_to_num(run.joint.get("kp", log.kp)), target.shape)
+        x, target = torques_along(model, log, run, SMOOTHED), np.nan_to_num(run.joint["q_des"])
         inner = (run.t > most) & (run.t < run.t[-1] - most)
+        gain = np.broadcast_to(np.nan_to_num(run.joint.get("kp", log.kp)), target.shape)[inner]
+        rest = x.asked[inner] - x.rigid[inner] - gain * target[inner]
         for k, late in enumerate(times):
             row = np.maximum(np.searchsorted(run.t, run.t[inner] - late, side="right") - 1, 0)
-            asked = x.asked[inner] + gain[inner] * np.nan_to_num(target[row] - target[inner])
-            left[k] += float((((asked - x.rigid[inner]) / scale) ** 2).sum())
-    late, now = float(times[np.argmin(left)]), left[len(times) // 2]
-    if not now or abs(late) <= LONGEST_DELAY or left.min() > (1.0 - EXPLAINED) * now:
+            left[k] += float((((rest + gain * target[row]) / scale) ** 2).sum())
+            if late > 0.0:
+                part = 1.0 - np.exp(-run.dt / late)
+                slow = target[0] + lfilter([part], [1.0, part - 1.0], target - target[0], axis=0)
+                lagged[k] += float((((rest + gain * slow[inner]) / scale) ** 2).sum())
+    late, least, now = float(times[np.argmin(left)]), float(left.min()), float(left[len(times) // 2])
+    if abs(late) <= LONGEST_DELAY or least > (1.0 - EXPLAINED) * now or lagged.min() <= least:
         return ""
     when = "after" if late > 0.0 else "before"
     return (
-        f"acts {1e3 * abs(late):.0f} ms {when} its row, which explains {100.0 * (1.0 - left.min() / now):.0f} % of the "
+        f"acts {1e3 * abs(late):.0f} ms {when} its row, which explains {100.0 * (1.0 - least / now):.0f} % of the "
         "torque that rigid bodies leave: log commands and readings by one clock, or shift its stamps"
     )
 

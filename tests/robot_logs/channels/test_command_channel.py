@@ -65,7 +65,16 @@ def test_targets_that_rests_contradict_are_refused(
 
 
 @pytest.mark.parametrize(
-    "hide", ["encoder_offset=j2:0.1", "link_mass=l3:2", "kp=*:0.6", "coulomb_friction=j2:4", "command_delay=0.02"]
+    "hide",
+    [
+        "encoder_offset=j2:0.1",
+        "link_mass=l3:2",
+        "kp=*:0.6",
+        "coulomb_friction=j2:4",
+        "command_delay=0.02",
+        "command_lag=*:0.06",
+        "torque_lag=*:0.04",
+    ],
 )
 def test_faults_of_robots_are_none_of_their_targets(hide: str, tmp_path: Path) -> None:
     """They droop and stick, and are for the replay to name."""
