@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL, UNLIKE
 from mrwarp.robot_logs.causes.places import torque_scale
-from mrwarp.robot_logs.channels.joint_torque import gravity_along, torques_along
+from mrwarp.robot_logs.channels.joint_torque import gain_along, gravity_along, torques_along
 from mrwarp.robot_logs.replay_model import LONGEST_DELAY, ReplayModel
 from mrwarp.robot_logs.robot_log import UNITS, LogError, LogRun, RobotLog, reads_torque
 
@@ -69,7 +69,7 @@ def _late(model: ReplayModel, log: RobotLog, runs: Sequence[LogRun]) -> str:
     for run in runs:
         x, target = torques_along(model, log, run, SMOOTHED), np.nan_to_num(run.joint["q_des"])
         inner = (run.t > most) & (run.t < run.t[-1] - most)
-        gain = np.broadcast_to(np.nan_to_num(run.joint.get("kp", log.kp)), target.shape)[inner]
+        gain = gain_along(log, run, "kp")[inner]
         rest = x.asked[inner] - x.rigid[inner] - gain * target[inner]
         for k, late in enumerate(times):
             row = np.maximum(np.searchsorted(run.t, run.t[inner] - late, side="right") - 1, 0)
@@ -94,10 +94,8 @@ def _along(model: ReplayModel, log: RobotLog, run: LogRun) -> tuple[np.ndarray, 
     mean = np.abs(run.joint["q"][step:] - run.joint["q"][:-step]) / (run.t[step:] - run.t[:-step])[:, None]
     rows = np.arange(step, run.samples - step, step)
     moves = maximum_filter1d(np.pad(mean, ((0, run.samples - len(mean)), (0, 0)), mode="edge"), 3 * step, axis=0)
-    joint = {name: x[rows] for name, x in run.joint.items()}
-    blank = np.zeros((len(rows), len(log.joints)))
-    kp = np.where(np.isfinite(joint.get("kp", blank + np.nan)), joint.get("kp", blank), log.kp)
-    given = np.nan_to_num(joint.get("tau_ff", blank))
+    joint, kp = {name: x[rows] for name, x in run.joint.items()}, gain_along(log, run, "kp")[rows]
+    given = np.nan_to_num(joint.get("tau_ff", np.zeros(kp.shape)))
     takes = joint["tau"] if model.free else gravity_along(model, joint["q"])
     needed = joint["q"] + (takes - given) / np.where(kp > 0.0, kp, np.nan)
     return moves[rows] < STANDSTILL, joint["q"], joint["q_des"], needed, kp

@@ -35,15 +35,18 @@ class JointTorques:
         return self.gravity + self.inertial
 
 
+def gain_along(log: RobotLog, run: LogRun, name: str) -> np.ndarray:
+    """A drive's gain, ``kp`` or ``kd``, in each row as logged, else the log's own; 0 where neither is known, (N, J)."""
+    own = np.broadcast_to(np.nan_to_num(getattr(log, name)), run.joint["q"].shape)
+    return np.where(np.isfinite(run.joint[name]), run.joint[name], own) if name in run.joint else own
+
+
 def asked_torque(log: RobotLog, run: LogRun, speed: np.ndarray) -> np.ndarray:
     """Torque that a recording's rows ask for at the measured angle and speed [N·m], shape (N, J)."""
     joint = run.joint
     ask = np.nan_to_num(joint.get("tau_ff", np.zeros(joint["q"].shape)))
     if "q_des" in joint:
-        kp, kd = (
-            np.where(np.isfinite(joint[name]), joint[name], gain) if name in joint else gain
-            for name, gain in (("kp", np.nan_to_num(log.kp)), ("kd", np.nan_to_num(log.kd)))
-        )
+        kp, kd = (gain_along(log, run, name) for name in ("kp", "kd"))
         rate = np.nan_to_num(joint.get("qd_des", 0.0)) - speed
         ask = ask + kp * np.nan_to_num(joint["q_des"] - joint["q"]) + kd * rate
     return ask

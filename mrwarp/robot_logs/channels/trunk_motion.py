@@ -90,8 +90,8 @@ def _contradiction(log: RobotLog, channel: str, settings: Settings) -> str:
     runs = [run for run in runs if round(SMOOTHED / run.dt) > 2]  # slower rows do not show how a trunk shakes
     if not runs:
         return ""
-    motions = {order: _motions(runs, channel, read) for order, read in ORDERS.items() if of == "quat" or not order}
-    seen, own = motions[""]["seen"], motions[""][""]
+    motion = _motions(runs, channel, ORDERS[""])
+    seen, own = motion["seen"], motion[""]
     if len(seen) <= parts:
         return ""
     if not any(np.ptp(run.base[of], axis=0).any() for run in runs) and seen.std(axis=0).max() > STANDSTILL:
@@ -100,7 +100,10 @@ def _contradiction(log: RobotLog, channel: str, settings: Settings) -> str:
     turned = _turned(seen, own, channel, parts)
     if fit.share >= settings.gain.half and fit.factor == 1.0 and turned is None:
         return _late(runs, channel, parts) if fit.moving.any() else ""
-    found = [x for order, motion in motions.items() for x in _readings(motion, order, channel, tolerated)]
+    motions = {"": motion}
+    if of == "quat":
+        motions |= {order: _motions(runs, channel, read) for order, read in ORDERS.items() if order}
+    found = [x for order, own in motions.items() for x in _readings(own, order, channel, tolerated)]
     found = found or ([] if turned is None else [turned])
     what = f"is not the change of {of} (to {100.0 * max(fit.share, 0.0):.0f} %, and {fit.factor:.3g} times)"
     if not found:

@@ -132,21 +132,20 @@ def _read(path: Path, reader: AnyReader, m: dict[str, Any]) -> RobotLog:
         [c for c in reader.connections if first.get(c.topic, c.topic) in series]
     ):
         message: Any = reader.deserialize(raw, connection.msgtype)
-        t = 1e-9 * stamp
+        t, topic = 1e-9 * stamp, first.get(connection.topic, connection.topic)
         header = getattr(message, "header", None)
         if by_header and header is not None and (header.stamp.sec or header.stamp.nanosec):
             t = header.stamp.sec + 1e-9 * header.stamp.nanosec
-            if first.get(connection.topic, connection.topic) == role["state"]:
+            if topic == role["state"]:
                 behind.append(1e-9 * stamp - t)
         if _is(connection.msgtype, *ARRAYS):
             order, meaning = order_of(path, connection.topic, m, len(message.data))
             taken = [k for k, name in enumerate(order) if name]
             # an array has no stamp: it is put on the state's clock by how much later that one was recorded
             t -= float(np.median(behind)) if behind else 0.0
-            own = joints[first.get(connection.topic, connection.topic)]
-            own.add(t, [order[k] or "" for k in taken], {meaning: np.asarray(message.data)[taken]})
+            joints[topic].add(t, [order[k] or "" for k in taken], {meaning: np.asarray(message.data)[taken]})
             continue
-        values, topic = _values(message, connection.msgtype), first.get(connection.topic, connection.topic)
+        values = _values(message, connection.msgtype)
         if topic in joints:
             joints[topic].add(t, values.pop("names"), values)
         else:
