@@ -20,7 +20,7 @@ from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshol
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size, without_effect
 from mrwarp.diagnose.residual_structure import LAG, Line, drift_of_zero
 from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces, Tried
-from mrwarp.diagnose.screening import Models, screen
+from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import measured, sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
@@ -47,7 +47,8 @@ class Findings:
     recording: Recording
     faults: tuple[RecordingFault, ...] = ()
     """Faults of the recording that were taken out of it."""
-    problem: Problem
+    models: Models
+    """Models that were fitted on the way."""
     selection: Selection
     rejected: tuple[Rejection, ...] = ()
     """Effects that the search found, but that are not proven."""
@@ -68,6 +69,11 @@ class Findings:
     next_experiment: NextExperiment | None
     notes: tuple[str, ...]
     seed: int
+
+    @property
+    def problem(self) -> Problem:
+        """The data set as it was searched."""
+        return self.models.problem
 
 
 def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
@@ -111,7 +117,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         unexplained=unexplained,
         detectable=detectable,
         invisible=invisible,
-        cannot_know=(*gaps(recording, problem.settings), *_spring_or_weight(problem, selection)),
+        cannot_know=(*gaps(recording, problem.settings), *_spring_or_weight(found.models, selection)),
         baseline=baseline,
         extended=extended,
         gain=gain,
@@ -146,9 +152,9 @@ def _accounting(found: Findings, structure: bool) -> Accounting:
     return Accounting(named=named, predictable=predictable, noise=max(0.0, 1.0 - named - predictable))
 
 
-def _spring_or_weight(problem: Problem, selection: Selection) -> list[str]:
+def _spring_or_weight(models: Models, selection: Selection) -> list[str]:
     """Whether a body's stiffness may be a weight's torque: next to gravity it is not clear of zero."""
-    fit, stiffness = selection.final, LINEAR.index("C")
+    problem, fit, stiffness = models.problem, selection.final, LINEAR.index("C")
     mechanics = [effect for effect in selection.named if CATALOGUE[effect].mechanics]
     weight = [name for name, law in CATALOGUE.items() if law.needs == "angle"]
     if not mechanics or set(weight) & set(fit.effects) or not problem.motion.ranges.radian:
@@ -156,7 +162,7 @@ def _spring_or_weight(problem: Problem, selection: Selection) -> list[str]:
     low, _ = interval(fit, stiffness, covariance(fit))
     if low <= 0.0:
         return []
-    with_weight = Models(problem, selection.base).grown(fit, screen(problem, fit, weight)[0])
+    with_weight = models.grown(fit, models.screened(fit, weight)[0])
     low, _ = interval(with_weight, stiffness, covariance(with_weight))
     if low > 0.0:
         return []

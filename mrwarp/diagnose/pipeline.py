@@ -121,7 +121,7 @@ def diagnose(
     found = Findings(
         recording=recording,
         faults=session.faults,
-        problem=problem,
+        models=models,
         selection=selection,
         rejected=rejected + refused + parts,
         baseline=models.reported(selection.base),

@@ -13,6 +13,7 @@ from mrwarp.diagnose.held_out import Predictor
 from mrwarp.diagnose.problem import fit_model
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size
 from mrwarp.diagnose.residual_structure import LAG, leftovers
+from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, Scales
@@ -170,6 +171,6 @@ def test_a_spring_and_a_weight_are_one_stiffness_in_small_swings(effects: dict, 
     fit = known.fitted(problem, {"rotor_inertia": {"inertia": 0.02}})
     base = known.fitted(problem)
     selection = Selection(base=base, final=fit, screened=[], fits={}, leftovers=[])
-    said = _spring_or_weight(problem, selection)
+    said = _spring_or_weight(Models(problem, base), selection)
     assert bool(said) == open_ and all("a spring or a weight" in text for text in said)
-    assert not _spring_or_weight(problem, replace(selection, final=base))
+    assert not _spring_or_weight(Models(problem, base), replace(selection, final=base))
