@@ -5,7 +5,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
 
-.PHONY: run test test-slow test-mjlab test-oldest test-core lint docs gallery format pins env release clean
+.PHONY: run test test-slow test-mjlab test-oldest test-core lint lint-types lint-rest docs gallery format pins env release clean
 .DEFAULT_GOAL := test
 
 run: $(READY)
@@ -48,16 +48,22 @@ test-core: .venv-core/bin/pytest
 	PYTHONPATH=. .venv-core/bin/python -m pytest --noconftest -m "not slow and not gpu" \
 		--ignore tests/kernels/test_cuda_compile.py $(CORE)
 
+# the types take as long as all the rest
 lint: $(READY)
+	$(MAKE) -j 2 --output-sync=line lint-types lint-rest
+
+lint-types: $(READY)
+	$(PY) -m pyright --pythonpath $(PY)
+
+lint-rest: $(READY)
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
-	$(PY) -m pyright --pythonpath $(PY)
 	$(VENV)/bin/lint-imports --no-cache
 	$(PY) -m mrwarp reproduce docs --only-check
 	$(PY) -m mrwarp device page --only-check
 	$(PY) tools/plain_words.py
 	$(PY) tools/gallery.py --only-check
-	$(PY) -m pytest -q tests/test_method_size.py
+	$(PY) -m pytest -q --noconftest tests/test_method_size.py
 	$(MAKE) docs
 
 # the pages as a site in build/site, with the reference from the code; a warning is an error, no network is needed

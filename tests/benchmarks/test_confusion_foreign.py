@@ -22,7 +22,6 @@ def foreign(kind: str, law: str) -> dict:
     [
         ("torque_sensor_lag", "kwok"),
         ("friction_asymmetry", "spencer"),
-        ("backlash", "guo"),
     ],
 )
 def test_hidden_effect_is_found_in_a_foreign_device(kind: str, law: str) -> None:

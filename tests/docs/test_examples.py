@@ -45,7 +45,7 @@ NOT_RUN = {
     "mrwarp study collect": "takes what those hours made; tests/study",
     "mrwarp reproduce all": "minutes; tests/commands/test_run_reproduce.py",
     "mrwarp reproduce table2": "minutes; tests/paper/reproduce/test_headlines.py",
-    "mrwarp reproduce table6 table7": "minutes; tests/commands/test_run_reproduce.py",
+    "mrwarp reproduce table6": "minutes; tests/paper/commands/test_run_reproduce.py",
     "mrwarp reproduce fig4 --train": "hours; tests/paper/reproduce/test_fig4.py",
     "mrwarp reproduce table4": "minutes; tests/paper/reproduce/test_headlines.py",
     "mrwarp reproduce docs": "writes into a checkout; tests/paper/reproduce/test_pages.py",

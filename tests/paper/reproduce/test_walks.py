@@ -1,5 +1,6 @@
 """Entries that read the walks, on made-up trials: falls and late arrivals are reported, else no claim holds."""
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,8 @@ from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.energy.power import JointLoad
 from mrwarp.trials.power_meter import CHANNELS, GaitTrace
-from mrwarp.trials.walk_trials import WalkResult
-from paper.reproduce import cache, walks
+from mrwarp.trials.walk_trials import WalkCfg, WalkResult
+from paper.reproduce import cache, support, walks
 from paper.reproduce import fig8 as figure8
 from paper.reproduce.cache import Job
 from paper.reproduce.comparison import Findings
@@ -311,3 +312,45 @@ def test_table_7_has_the_papers_simulation_next_to_walks_as_commanded(tmp_path: 
     assert holds == {"longer_when_slow": True, "commanded_longer_when_slow": False}
     assert ours["3 kg, 0.5 m/s, paper's simulation"] == pytest.approx(12.3)
     assert ours["3 kg, 0.5 m/s, paper's hardware"] > 30.0
+
+
+class Devices(dict):
+    """Parameters of devices by their names, as a choice sets them."""
+
+    actuator = property(lambda self: self)
+
+    def param(self, name: str) -> str:
+        """The parameter's array is its name here."""
+        return name
+
+    def view(self, name: str) -> np.ndarray:
+        """A new array for the parameter."""
+        return self.setdefault(name, np.zeros(4))
+
+
+def test_the_support_branch_is_walked_with_each_choice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Devices that hold in proportion to eps_hold, at a price in proportion to Kp_low; robots of at most 0.72 m/s."""
+    given = []
+
+    def walk(cfg: WalkCfg, policies: dict[str, object]) -> list[WalkResult]:
+        assert set(cfg.robots) <= set(policies) and cfg.distance == Settings().window
+        devices, trials = Devices(), np.arange(cfg.trials)
+        if cfg.derate is not None:
+            cfg.derate(devices, cfg.robots)  # type: ignore[arg-type]
+        given.append({name: float(values[0]) for name, values in devices.items()})
+        eps_hold, kp_low = given[-1].get("eps_hold", 0.2), given[-1].get("kp_low", 5.0)
+        found = []
+        for robot, payload, command in itertools.product(cfg.robots, cfg.payloads, cfg.speeds):
+            r = walked(robot, payload, min(command, 0.5), trials)
+            square = r.joints.torque_square * (1.0 - eps_hold + 0.01 * kp_low)
+            motion = r.motion | {"speed": np.full(cfg.trials, min(command, 0.72))}
+            joints, hold = replace(r.joints, torque_square=square), np.full_like(r.hold, eps_hold)
+            found.append(replace(r, command=command, hold=hold, joints=joints, motion=motion))
+        return found
+
+    monkeypatch.setattr(support, "walk", walk)
+    found = support.compute(job(folder(tmp_path)))
+    assert all(found.claims.values()) and len(found.claims) == 3
+    assert [row.ours for row in found.rows] == [0.7]
+    assert given[2] == {"eps_hold": pytest.approx(0.1)} and given[-2] == {"coil_time_constant": pytest.approx(0.02)}
+    assert found.figures["held"]["eps_hold 0.4 rad/s"] == pytest.approx([40.0] * 4)

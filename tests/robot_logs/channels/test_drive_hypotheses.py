@@ -121,9 +121,7 @@ def test_drives_that_compensate_gravity_are_no_fault(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("log", "robot", "names"),
     [
-        ("torque_channel/offset", "torque_channel/xarm7_plain.urdf", [("torque_channel_offset", "joint4")]),
         ("torque_channel/nograv", "torque_channel/xarm7_plain.urdf", [("torque_channel_gravity", "robot")]),
-        ("gravity_in_drive/log", "torque_channel/xarm7_plain.urdf", []),
         ("lag_not_delay/lag15", "lag_not_delay/joint.xml", [("command_lag", "motor")]),
         ("inertia_log/mjcf", "inertia_log/mjcf/quad.xml", []),
     ],
