@@ -26,16 +26,34 @@ torch.set_num_threads(1)
 gc.set_threshold(100_000, 20, 20)
 
 _savefig = Figure.savefig
+_running: list[pytest.Item] = []
 
 
 def savefig(figure: Figure, *args: object, **options: object) -> None:
-    """Draw without a layout, which takes most of the time, but in tests that are about pictures by their names."""
-    if "picture" not in os.environ.get("PYTEST_CURRENT_TEST", "picture").rpartition("::")[2]:
+    """Draw without a layout, which takes most of the time, but in tests that are about pictures by their names.
+
+    In tests that are not, by their file's name either, are not slow and do not ask for ``drawn``, the picture is blank.
+    """
+    item = _running[-1] if _running else None
+    if item is not None and "picture" not in item.name:
         figure._layout_engine = None  # type: ignore[attr-defined]  # "none" keeps its place, and everything is drawn twice
+        if not ("picture" in item.nodeid or "slow" in item.keywords or "drawn" in item.fixturenames):  # type: ignore[attr-defined]
+            figure = Figure(figsize=figure.get_size_inches())
     _savefig(figure, *args, **options)
 
 
 Figure.savefig = savefig  # type: ignore[method-assign]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Note the test that runs."""
+    _running.append(item)
+    try:
+        return (yield)
+    finally:
+        _running.pop()
+
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
@@ -46,6 +64,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if gpu and wp.get_cuda_device_count() == 0:
         for item in gpu:
             item.add_marker(pytest.mark.skip(reason="Warp finds no CUDA device"))
+
+
+@pytest.fixture(scope="session")
+def drawn() -> None:
+    """For tests that look at a picture's content: it is drawn."""
 
 
 @pytest.fixture

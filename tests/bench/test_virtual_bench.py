@@ -107,6 +107,7 @@ def test_clean_bench_is_what_the_simulator_replays():
 # --- the command ---
 
 
+@pytest.mark.usefixtures("drawn")
 def test_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Recordings that load, header with effects, strength and seed, result, picture, table."""
     out = tmp_path / "bench"

@@ -15,7 +15,7 @@ TINY = "--num-envs 2 --rounds 2 --steps 25 --parts walking --threads 1 --mjwarp-
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(tmp_path_factory: pytest.TempPathFactory, drawn: None) -> Path:
     """Folder of a run with two robots."""
     out = tmp_path_factory.mktemp("perf")
     assert main(["perf", *TINY, "--out", str(out)]) == 0

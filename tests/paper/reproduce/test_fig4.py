@@ -12,6 +12,7 @@ from mrwarp.nn.training import FitCfg
 from paper.reproduce import fig4
 
 
+@pytest.mark.usefixtures("drawn")
 def test_figure4_judges_by_the_papers_claims_and_draws(tmp_path: Path) -> None:
     """The paper's values pass, and a good LSTM at one current fails the ranking.
 

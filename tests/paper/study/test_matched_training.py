@@ -161,6 +161,7 @@ def test_trainings_begin_with_the_runs_of_a_folder(tmp_path: Path) -> None:
     assert record["command"].endswith(f"--desired-kl 0.01 --entropy 0 --start-from {tmp_path / 'first'}")
 
 
+@pytest.mark.usefixtures("drawn")
 def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(runs: Path, tmp_path: Path) -> None:
     """One update, then on to two, equals two at once; the record says how it was made and holds the curve."""
     once, twice = tmp_path / "once", tmp_path / "twice"
