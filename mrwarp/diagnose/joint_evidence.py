@@ -13,11 +13,15 @@ from mrwarp.diagnose.proof import Rejection, impossible_size, without_effect
 from mrwarp.diagnose.residual_structure import Group, Leftover, groups_along, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, lacking_together
 from mrwarp.diagnose.search import Selection, expected_in
+from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.dataset import rms
+from mrwarp.identify.parameters import LINEAR
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.by_evidence import Found, searched_by_evidence
 from mrwarp.sysid.evidence import Signals, showing
 
+_SPRING = LINEAR.index("C")
+"""The number of eq. 14 that has a sign: no spring pushes away from its rest, only a weight does."""
 _FITTED = 5
 """Most effects that are fitted in each step."""
 _SHIFT = 0.5
@@ -77,7 +81,8 @@ class JointPlant:
         counts = np.maximum(counts * equations.count / max(float(counts.sum()), 1.0), 1.0)
         live = [i for i in fit.free if equations.total[i, i] > 1e-9 * equations.count]
         grams = equations.parts * (1.0 + _ROUNDING * np.eye(equations.parts.shape[-1]))
-        return Signals(grams=grams, counts=counts, live=live, group=self.group, forms=forms)
+        room = np.array([fit.x[i] if i == _SPRING else np.inf for i in live])
+        return Signals(grams=grams, counts=counts, live=live, group=self.group, forms=forms, room=room)
 
     def title(self, name: str) -> str:
         """A cause, or a nameless group in words."""
@@ -149,9 +154,16 @@ def selected_by_evidence(models: Models, screened: list[Candidate], log: Progres
     return _judged(plant, found, selection)
 
 
-def judged_by_evidence(models: Models, selection: Selection, log: Progress = lambda text: None) -> Judged:
-    """A finished search next to what has no name: causes that may be a piece of it are taken out."""
-    plant = JointPlant(models, [])
+def judged_by_evidence(
+    models: Models, selection: Selection, screened: Sequence[Candidate], log: Progress = lambda text: None
+) -> Judged:
+    """A finished search next to what has no name: causes that may be a piece of it are taken out.
+
+    Where some of a body's mechanics was found, the rest of it may enter: it may add little, as a weight does of which C
+    takes up most.
+    """
+    body = any(CATALOGUE[effect].mechanics for effect in models.added(selection.final))
+    plant = JointPlant(models, [c for c in screened if body and CATALOGUE[c.effect].mechanics])
     settings = models.problem.settings
     found = searched_by_evidence(plant, settings.odds, settings.gain, begin=selection.final)
     if found.suspects:

@@ -311,7 +311,8 @@ def _found(models: Models, session: _Session, method: Method, log: Progress) -> 
         judged = selected_by_evidence(models, session.screened, log)
         return judged, judged.rejected
     selection, rejected = select_proven(models, session.screened, log)
-    judged = judged_by_evidence(models, selection, log)
+    left = {rejection.effect for rejection in rejected}
+    judged = judged_by_evidence(models, selection, [c for c in session.screened if c.effect not in left], log)
     return judged, rejected + judged.rejected
 
 

@@ -58,7 +58,7 @@ class Found(Generic[Model, Cause]):
     odds: dict[Cause, float]
     """Log odds of each cause against the model without it."""
     rivals: dict[Cause, tuple[Cause, ...]]
-    """Causes that would do as well in one's place, within the odds of chance."""
+    """Causes that would do as well in one's place, within the odds of chance; none in a search that is judged."""
     suspects: dict[Cause, Model]
     """Causes that fit, but less well than as much as has no name would by chance, and the model that has them."""
     numbers: Sequence[int]
@@ -79,14 +79,14 @@ class Comparison(Generic[Model, Cause]):
     def __init__(self, plant: EvidencePlant[Model, Cause]) -> None:
         self.plant, self.correlation = plant, 1.0
         self._signals: dict[Model, Signals] = {}
-        base = plant.base
-        self.discrepancy: Discrepancy = learned(self.signals(base), plant.least)
-        self.correlation = correlation(plant.rest(base, *left_over(self.signals(base), self.discrepancy)))
-        self.about(base)
+        self.discrepancy: Discrepancy = learned(self.signals(plant.base), plant.least)
+        self.about(plant.base)
 
     def about(self, model: Model) -> None:
-        """Learn the variances about a model."""
-        self.discrepancy = learned(self.signals(model), self.plant.least, self.discrepancy)
+        """Learn the variances about a model, and how far what it leaves is correlated."""
+        start = learned(self.signals(model), self.plant.least, self.discrepancy)
+        self.correlation = correlation(self.plant.rest(model, *left_over(self.signals(model), start)))
+        self.discrepancy = learned(self.signals(model), self.plant.least, start)
         self._known: dict[tuple[Model, Active], Posterior] = {}
         self._totals: dict[Model, np.ndarray] = {}
 
@@ -242,7 +242,7 @@ def searched_by_evidence(
         search.out.add(weakest)
         search.model = plant.without(search.model, weakest)
         search.compared.about(search.model)
-    rivals = {cause: _rivals(search, cause) for cause in known}
+    rivals = {cause: _rivals(search, cause) for cause in known} if begin is None else {}
     numbers = search.compared.signals(search.model).live
     covariance = search.compared.posterior(search.model, search.active).covariance
     return Found(

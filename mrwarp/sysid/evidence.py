@@ -4,7 +4,8 @@ In unit of chance ``t`` (a run, a window) the mismatch is
 
     r_t = J_t d + F_t (w + o_t) + e_t
 
-with the changes ``d`` of a model's numbers (unit-information prior), the sizes ``w`` of nameless smooth functions
+with the changes ``d`` of a model's numbers (unit-information prior, of which only the half that is possible counts
+where a number has a sign), the sizes ``w`` of nameless smooth functions
 (normal, one variance for each group: automatic relevance), what these have of their own in each unit, ``o_t`` (normal,
 one variance for each group: a wrong law errs in each run in its own way), and noise ``e_t`` of a variance of its own in
 each unit. All but the variances is integrated out in closed form; these are the likeliest (empirical Bayes; Kennedy and
@@ -17,6 +18,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from mrwarp.sysid.least_squares import RANK
 
@@ -37,6 +39,8 @@ class Signals:
     """Group of each nameless function, shape (K,)."""
     forms: np.ndarray
     """Prior variance of each form's size, shape (F,)."""
+    room: np.ndarray
+    """How far each live number is above the least that it may be, shape (nb,); infinite where it may be anything."""
 
     @property
     def first(self) -> int:
@@ -183,7 +187,10 @@ def posterior(
     prior = (
         np.linalg.slogdet(base)[1] - nb * np.log(number) - float(np.log(variance[group]).sum() + np.log(s.forms).sum())
     )
-    return Posterior(log=0.5 * float(prior - quadratic - logdet), mean=x, covariance=covariance)
+    log = 0.5 * float(prior - quadratic - logdet)
+    spread = np.sqrt(np.diag(covariance)[:nb])
+    possible = float((log_ndtr((s.room + x[:nb]) / spread) + np.log(2.0))[np.isfinite(s.room)].sum())
+    return Posterior(log=log + possible, mean=x, covariance=covariance)
 
 
 def showing(s: Signals, d: Discrepancy, active: Collection[int]) -> np.ndarray:

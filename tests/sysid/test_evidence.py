@@ -1,7 +1,7 @@
 """The evidence against densities written out in full, and a plant of straight lines whose truth is known."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ def signals(derivatives: np.ndarray, functions: np.ndarray, mismatch: np.ndarray
         live=list(range(len(derivatives))),
         group=np.arange(len(functions)),
         forms=np.array(forms),
+        room=np.full(len(derivatives), np.inf),
     )
 
 
@@ -50,6 +51,23 @@ def test_the_evidence_is_the_density_of_all_unknowns_together() -> None:
     found = posterior(s, total, [0], d.common).log - posterior(s, total, [], d.common).log
     # a unit-information prior is normal only to 1/N
     assert found == pytest.approx(expected, abs=0.06)
+
+
+@pytest.mark.parametrize("size", [0.3, 0.0, -0.3])
+def test_a_number_that_may_not_be_negative_has_half_a_prior(size: float) -> None:
+    """By the integral over the sizes that are possible; the number is 0.1 before its change."""
+    rng = np.random.default_rng(8)
+    line, noise = rng.normal(size=(1, 3, 30)), rng.normal(size=(3, 30))
+    mismatch = (size - 0.1) * line[0] + noise
+    s = signals(line, np.zeros((0, 3, 30)), mismatch)
+    total = s.grams.sum(axis=0)
+    width = np.sqrt(float(s.counts.sum()) / total[0, 0])
+    grid = np.linspace(-20.0 * width, 20.0 * width, 400_001)
+    prior = -0.5 * np.log(2.0 * np.pi) - np.log(width) - 0.5 * (grid / width) ** 2
+    density = np.exp(prior - 0.5 * (total[1, 1] - 2.0 * grid * total[0, 1] + grid**2 * total[0, 0]))
+    possible = np.log(2.0 * density[grid > -0.1].sum() / density.sum())
+    bounded = posterior(replace(s, room=np.array([0.1])), total, [], np.zeros(0))
+    assert bounded.log - posterior(s, total, [], np.zeros(0)).log == pytest.approx(possible, rel=0.02, abs=0.06)
 
 
 def test_variances_are_learned() -> None:
@@ -136,6 +154,16 @@ def test_causes_are_named_and_nothing_else() -> None:
         assert set(searched_by_evidence(lines(seed, {"a": 0.5, "b": 0.5}), Odds(), Gain()).odds) == {"a", "b"}
         found = searched_by_evidence(lines(seed, {}), Odds(), Gain())
         assert not found.odds and not found.nameless
+
+
+def test_a_small_cause_shows_next_to_a_large_slow_one() -> None:
+    """How far noise is correlated is seen once the large cause is in: without it, its own slow torque would count."""
+    slow = np.sin(np.linspace(0.0, 6.0, SAMPLES) + np.linspace(0.0, 3.0, RUNS)[:, None])
+    for seed in range(4):
+        plant = lines(seed, {"a": 0.25})
+        plant.rows = {"a": plant.rows["a"], "slow": slow}
+        plant.measured = plant.measured + 5.0 * slow
+        assert set(searched_by_evidence(plant, Odds(), Gain()).odds) == {"a", "slow"}
 
 
 def test_a_cause_that_does_as_well_is_a_rival() -> None:
