@@ -17,8 +17,9 @@ from mrwarp.sysid.verdict import Error
 from tests.robot_logs.arm_log import arm_log
 
 
-def test_friction_and_a_load_cost_power(tmp_path: Path) -> None:
-    """With 3 kg on the trunk and 1 N·m of dry friction in the calves the same walks take more power."""
+def test_friction_and_a_load_cost_power(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With 3 kg on the trunk and 1 N·m of dry friction in the calves the same walks of a metre take more power."""
+    monkeypatch.setattr("mrwarp.robot_logs.report.walk_change.DISTANCE", 1.0)
     record(LogCfg(motions=(("stand", 1.0),), seed=5), tmp_path / "log")
     log = load_log(tmp_path / "log")
     model = replay_model(Path("mr_go"), log)
