@@ -72,15 +72,31 @@ class Thrown:
     qd: np.ndarray
 
 
-def stepped(q: np.ndarray, qd: np.ndarray, dt: float, step: Callable[[], tuple[np.ndarray, np.ndarray]]) -> Thrown:
-    """A quarter of a second."""
-    states = [(q, qd), *(tuple(np.array(x, dtype=float) for x in step()) for _ in range(round(0.25 / dt)))]
-    return Thrown(*(np.array(x) for x in zip(*states, strict=True)))
+@dataclass(frozen=True)
+class Thrower:
+    """A host with 20 joints."""
+
+    throw: Callable[[np.ndarray], object]
+    """Reset the host and its plant, and throw the joints from an angle of 0 at these speeds [rad/s]."""
+    step: Callable[[], tuple[np.ndarray, np.ndarray]]
+    """Make a step of the simulation; gives angles and speeds after it."""
 
 
-def thrown_batch(inertia: float, dt: float) -> Thrown:
+def thrown(host: Thrower, dt: float, speeds: np.ndarray = SPEEDS, seconds: float = 0.25) -> Thrown:
+    """The motion after a throw."""
+    host.throw(speeds)
+    steps = (tuple(np.array(x, dtype=float) for x in host.step()) for _ in range(round(seconds / dt)))
+    return Thrown(*(np.array(x) for x in zip((0.0 * speeds, speeds), *steps, strict=True)))
+
+
+def thrown_batch(inertia: float, dt: float) -> Thrower:
     """``JointBatch`` and a plant of its own: semi-implicit Euler with the dry friction that it bounds."""
-    joints, q, qd = JointBatch(num=20, dt=dt), np.zeros(20), SPEEDS.copy()
+    joints, q, qd = JointBatch(num=20, dt=dt), np.zeros(20), np.zeros(20)
+
+    def throw(speeds: np.ndarray) -> None:
+        nonlocal q, qd
+        joints.reset()
+        q, qd = 0.0 * speeds, speeds
 
     def step() -> tuple[np.ndarray, np.ndarray]:
         nonlocal q, qd
@@ -91,10 +107,10 @@ def thrown_batch(inertia: float, dt: float) -> Thrown:
         q = q + dt * qd
         return q, qd
 
-    return stepped(q, qd, dt, step)
+    return Thrower(throw, step)
 
 
-def thrown_brakes(inertia: float, dt: float) -> Thrown:
+def thrown_brakes(inertia: float, dt: float) -> Thrower:
     """Twenty brakes in one model of plain MuJoCo."""
     size = f'diaginertia="{inertia} {inertia} {inertia}"'
     bodies = "".join(
@@ -104,7 +120,12 @@ def thrown_brakes(inertia: float, dt: float) -> Thrown:
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     brakes = [Brake(model, data, k) for k in range(20)]
-    data.qvel[:], data.qfrc_applied[:] = SPEEDS, -LOAD
+
+    def throw(speeds: np.ndarray) -> None:
+        mujoco.mj_resetData(model, data)
+        for brake in brakes:
+            brake.reset()
+        data.qvel[:], data.qfrc_applied[:] = speeds, -LOAD
 
     def step() -> tuple[np.ndarray, np.ndarray]:
         for brake in brakes:
@@ -112,10 +133,10 @@ def thrown_brakes(inertia: float, dt: float) -> Thrown:
         mujoco.mj_step(model, data)
         return data.qpos.copy(), data.qvel.copy()
 
-    return stepped(np.zeros(20), SPEEDS, dt, step)
+    return Thrower(throw, step)
 
 
-def thrown_drive(inertia: float, dt: float) -> Thrown:
+def thrown_drive(inertia: float, dt: float) -> Thrower:
     """Newton's drive and solver."""
     newton = pytest.importorskip("newton")
     from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, drive_inputs
@@ -138,7 +159,11 @@ def thrown_drive(inertia: float, dt: float) -> Thrown:
     inputs.mr_foot_load = None
     inputs.mr_current.fill_(CURRENT)
     control.joint_act.fill_(-LOAD)
-    scenes[0].joint_qd.assign(SPEEDS.astype(np.float32))
+
+    def throw(speeds: np.ndarray) -> None:
+        states[0].reset()
+        scenes[0].joint_q.zero_()
+        scenes[0].joint_qd.assign(speeds.astype(np.float32))
 
     def step() -> tuple[np.ndarray, np.ndarray]:
         control.joint_f.zero_()
@@ -149,10 +174,10 @@ def thrown_drive(inertia: float, dt: float) -> Thrown:
         scenes.reverse()
         return scenes[0].joint_q.numpy(), scenes[0].joint_qd.numpy()
 
-    return stepped(np.zeros(20), SPEEDS, dt, step)
+    return Thrower(throw, step)
 
 
-def thrown_environment(inertia: float, dt: float, backend: BackendKind | None = None) -> Thrown:
+def thrown_environment(inertia: float, dt: float, backend: BackendKind | None = None) -> Thrower:
     """The simulated robot's joint."""
     pytest.importorskip("newton")
     from benchmarks.verify.rigs import Link, Load, link_scene
@@ -165,33 +190,40 @@ def thrown_environment(inertia: float, dt: float, backend: BackendKind | None = 
     scene = replace(scene, layout=replace(MR_GO, legs=(), neutral={"joint": 0.0}))
     cfg = SimCfg(num_envs=20, dt=dt, backend=backend)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=Coupling.CONSTRAINT))
-    robot.reset(qvel=wp.array(SPEEDS[:, None], dtype=float, device="cpu"))
     robot.current_e.fill_(CURRENT)
-    Load(robot).set(np.full(20, -LOAD))
+    load = Load(robot)
+
+    def throw(speeds: np.ndarray) -> None:
+        robot.reset(qvel=wp.array(speeds[:, None], dtype=float, device="cpu"))
+        load.set(np.full(20, -LOAD))  # a reset takes it off
 
     def step() -> tuple[np.ndarray, np.ndarray]:
         robot.step()
         return robot.sim.q.numpy()[:, 0], robot.sim.qd.numpy()[:, 0]
 
-    return stepped(np.zeros(20), SPEEDS, dt, step)
+    return Thrower(throw, step)
 
 
-def thrown_warp(inertia: float, dt: float) -> Thrown:
+def thrown_warp(inertia: float, dt: float) -> Thrower:
     """That joint on MuJoCo-Warp."""
     return thrown_environment(inertia, dt, BackendKind.MJWARP)
 
 
-def thrown_mjlab(inertia: float, dt: float) -> Thrown:
+def thrown_mjlab(inertia: float, dt: float) -> Thrower:
     """mjlab's actuator and solver."""
     pytest.importorskip("mjlab", reason="mjlab has an environment of its own: make test-mjlab")
     import torch
 
     rig = mjlab_arms(20, dt, inertia=inertia, effort_limit=2.0 * LOAD)
     robot = rig.scene["robot"]
-    robot.write_joint_velocity_to_sim(torch.tensor(SPEEDS, dtype=torch.float)[:, None])
     robot.set_joint_effort_target(torch.full((20, 1), -LOAD))
     rig.actuator.current[:] = CURRENT
-    rig.scene.update(dt)
+
+    def throw(speeds: np.ndarray) -> None:
+        rig.actuator.reset()
+        robot.write_joint_position_to_sim(torch.zeros(20, 1))
+        robot.write_joint_velocity_to_sim(torch.tensor(speeds, dtype=torch.float)[:, None])
+        rig.scene.update(dt)
 
     def step() -> tuple[np.ndarray, np.ndarray]:
         rig.scene.write_data_to_sim()
@@ -199,7 +231,7 @@ def thrown_mjlab(inertia: float, dt: float) -> Thrown:
         rig.scene.update(dt)
         return robot.data.joint_pos[:, 0].numpy().copy(), robot.data.joint_vel[:, 0].numpy().copy()
 
-    return stepped(np.zeros(20), SPEEDS, dt, step)
+    return Thrower(throw, step)
 
 
 THROWN = {
@@ -220,7 +252,7 @@ def test_thrown_joints_are_caught_where_they_turn_round(host: str, inertia: floa
     The joint slides against the load and 0 to 4 N·m of the device. Its place may differ by a step at its speed, and by
     one under the load: where it turns round within the first step, no step before shows its acceleration.
     """
-    run = THROWN[host](inertia, dt)
+    run = thrown(THROWN[host](inertia, dt), dt)
     assert (np.abs(run.qd[-1]) < 3e-4).all()
     least, most = (inertia * SPEEDS**2 / (2.0 * (LOAD + drag)) for drag in (4.0, 0.0))
     step = SPEEDS * dt + LOAD * dt**2 / inertia
@@ -229,3 +261,21 @@ def test_thrown_joints_are_caught_where_they_turn_round(host: str, inertia: floa
     # angles of 32 bits, and velocities that stop at a few roundings of what they were
     rounding = 8.0 * np.finfo(np.float32).eps * LOAD * (np.abs(run.q).max() + dt * np.abs(run.qd).max())
     assert np.diff(energy, axis=0).max() <= rounding
+
+
+@pytest.mark.parametrize("host", THROWN)
+def test_a_reset_host_catches_as_one_just_made(host: str) -> None:
+    """Reset while joints move the other way, and while they stand: no step after it knows the motion before.
+
+    A velocity of then, of another sign or larger, would have the first step hold what it should let slide.
+    """
+    inertia, dt = 0.05, 0.005
+    rig = THROWN[host](inertia, dt)
+    wanted = thrown(rig, dt)
+    slid = wanted.qd[1] < SPEEDS - 0.5 * dt * LOAD / inertia
+    assert slid.all() and (wanted.qd[1] > SPEEDS - dt * (LOAD + 4.0) / inertia).all()  # of the load and 0 to 4 N·m
+    for before, seconds in ((-2.0 * SPEEDS, 3.0 * dt), (SPEEDS, 0.25)):
+        thrown(rig, dt, before, seconds)
+        again = thrown(rig, dt)
+        np.testing.assert_allclose(again.q, wanted.q, rtol=0.0, atol=1e-4 * np.abs(wanted.q).max())
+        np.testing.assert_allclose(again.qd, wanted.qd, rtol=0.0, atol=1e-4 * np.abs(wanted.qd).max())
