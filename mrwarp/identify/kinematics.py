@@ -159,17 +159,21 @@ def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float, lag: float, less
 
 
 def _left(run: Trajectory, sigma_q: float, sigma_v: float, lag: float, bandwidth: float) -> np.ndarray:
-    """RMS of the smoother's rest over the noise: of the angle without slow drifts, and of the velocity, shape (2,).
+    """RMS of the smoother's rest over the noise: of the angle without slow drifts, and at the sharpest, shape (2,).
 
-    The latter is that where the motion is sharpest: a joint that turns round at once does so in a small part of its
-    run, but play and dry friction show there.
+    The latter is of the velocity, or of the angle where there is no velocity: a joint that turns round at once does so
+    in a small part of its run, but play and dry friction show there. What is left of an angle at a corner lasts for a
+    period of the bandwidth.
     """
     channel = _without_lag(run, sigma_v, lag, bandwidth)
     v, _ = smooth(run.q, channel, run.dt, sigma_q, sigma_v, bandwidth)
     width = 2 * max(5, int(_WINDOW / run.dt)) + 1
     rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
-    sharpest = np.sqrt(np.percentile(uniform_filter1d((v - channel) ** 2, width), 95))
-    return np.array([(rest - uniform_filter1d(rest, width)).std() / sigma_q, sharpest / sigma_v])
+    rest = (rest - uniform_filter1d(rest, width)) / sigma_q
+    sharp = (v - channel) / sigma_v
+    if np.isinf(sigma_v):
+        sharp, width = rest, 2 * round(0.5 / bandwidth / run.dt) + 1
+    return np.array([rest.std(), np.sqrt(np.percentile(uniform_filter1d(sharp**2, width), 95))])
 
 
 def smooth(
