@@ -41,7 +41,6 @@ NEWTON_ALLOWED = (
     "mrwarp/usd/asset.py",
     "mrwarp/usd/converted.py",
     "mrwarp/robots/newton_robot.py",
-    "benchmarks/perf/newton_lstm.py",
 )
 
 

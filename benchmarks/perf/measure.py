@@ -13,7 +13,6 @@ import torch
 import warp as wp
 
 from benchmarks.perf import c_loop, training
-from benchmarks.perf.lstm import LstmCost
 from benchmarks.perf.perf_cfg import AIMED_AT, PerfCfg
 from benchmarks.perf.timing import Spread, Times, interleave, ratio
 from benchmarks.perf.walks import Walk
@@ -75,9 +74,6 @@ def run_all(cfg: PerfCfg, policy: Policy, progress: Callable[[str, float], None]
                 ratios |= own
         if "joint" in cfg.parts:
             figures["joint"], own = joint(cfg, folder, lambda share: progress("joint, one core", share))
-            ratios |= own
-        if "lstm" in cfg.parts:
-            figures["lstm"], own = lstm(cfg, folder, lambda share: progress("learned torque", share))
             ratios |= own
         if "training" in cfg.parts and cfg.updates:
             for count in [n for n in cfg.num_envs if n in AIMED_AT]:
@@ -166,26 +162,6 @@ def joint(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tupl
         "c_skipped": skipped,
     }  # fmt: skip
     return found, {"kernels/c": ratio(times, "kernels.step", "c.step")} if loop is not None else {}
-
-
-def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple[dict[str, Any], dict[str, Spread]]:
-    """The learned torque of 64 robots' calves on one core: our kernel, the torch engine, torch, Newton, onnxruntime.
-
-    All on one, or a busy second core would look like a slower kernel.
-    """
-    cost = LstmCost(256, folder, threads=1)
-    times = interleave(cost.turns(), rounds=cfg.rounds, progress=progress)
-    found = {
-        "joints": 256,
-        "milliseconds": {part: Spread.of(1e3 * t for t in values).plain() for part, values in times.items()},
-        "largest_difference": cost.difference,
-    }
-    return found, {
-        "lstm carried/newton": ratio(times, "carried.step", "newton.step"),
-        "lstm carried/window": ratio(times, "carried.step", "window.step"),
-        "lstm carried/torch_engine": ratio(times, "carried.step", "torch_engine.step"),
-        **{f"lstm window/{name}": ratio(times, "window.step", f"{name}.step") for name in ("torch", "onnxruntime")},
-    }
 
 
 def _processor() -> str:

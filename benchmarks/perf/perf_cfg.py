@@ -26,7 +26,7 @@ class PerfCfg:
     """CPU threads of the simulation; 0 = all."""
     steps: int = 0
     """Policy steps per turn; 0 takes about 640 robot steps."""
-    parts: tuple[str, ...] = field(default=("walking", "joint", "lstm", "training"))
+    parts: tuple[str, ...] = field(default=("walking", "joint", "training"))
     """Names of the measurements."""
 
     def __post_init__(self) -> None:
@@ -49,7 +49,8 @@ class PerfCfg:
                 variants = 27 if count <= self.mjwarp_up_to else 17  # in units of a step of the plain environment
                 step = 0.35e-3 + 0.034e-3 * count
                 found[f"walking, {count} robots"] = 4.0 + 0.01 * count + (rounds + 1) * steps * variants * step
-        found |= {part: 2.0 + 0.05 * self.rounds for part in ("joint", "lstm") if part in self.parts}
+        if "joint" in self.parts:
+            found["joint"] = 2.0 + 0.05 * self.rounds
         if "training" in self.parts and self.updates:
             for count in [count for count in self.num_envs if count in AIMED_AT]:
                 found[f"training, {count} robots"] = 1.0 + (self.updates + 2) * (0.03 + 0.0017 * count)

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 import torch
 
-from benchmarks.verify.rigs import mass_matrix, standing_robot
+from benchmarks.verify.rigs import WorkMeter, mass_matrix, standing_robot
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import MjBatchBackend
 from mrwarp.env.cfg import TaskCfg
@@ -163,8 +163,11 @@ def standing(*, lift: float = 0.0, coupling: Coupling = Coupling.CONSTRAINT) -> 
 
 
 @torch.no_grad()
-def walking(policy: Policy, *, seed: int, dt: float = DT) -> LedgerRun:
+def walking(policy: Policy, *, seed: int, dt: float = DT) -> tuple[LedgerRun, WorkMeter]:
     """The robot walks at 0.4 m/s; one robot per current. The torque loop runs at ``dt`` too, the policy at 50 Hz.
+
+    Returns:
+        What was booked, and the devices' work by the solver's own row forces.
 
     Raises:
         RuntimeError: a robot fell, and its ledger was emptied on the way.
@@ -173,11 +176,11 @@ def walking(policy: Policy, *, seed: int, dt: float = DT) -> LedgerRun:
     cfg = TaskCfg(num_envs=num_envs, seed=seed, threads=1)
     cfg = replace(cfg, dt=dt, keep_data=True, decimation=round(cfg.step_dt / dt))
     env = make_env(cfg, num_envs, seed)
-    meter = EnergyMeter(env.robot)
+    meter, devices = EnergyMeter(env.robot), WorkMeter(env.robot)
     env.set_command(torch.tensor([0.4, 0.0, 0.0]))
     obs = env.get_observations()
     for _ in range(round(WALKING / env.cfg.step_dt)):
         obs, _, done, _ = env.step(policy(obs))
         if bool(done.any()):
             raise RuntimeError("a robot fell while its energy was booked; use a policy that walks")
-    return meter.run()
+    return meter.run(), devices

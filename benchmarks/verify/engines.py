@@ -6,16 +6,12 @@ solution carries a relative error of at most about ``kappa(M)*eps32`` (condition
 
     delta = dt * kappa(M) * eps32 * max|qacc| + eps32 * max|qvel|
 
-to the velocities. How a small velocity error grows until the end of a run is measured, not assumed: the float64 engine
-repeats the run from velocities perturbed by PERTURBATION, which gives the amplifications A_v = max|d qvel| /
-PERTURBATION and A_q = max|d qpos| / PERTURBATION [s]. The tolerances after n steps are ``A_v * sum(delta)`` and
-``A_q * sum(delta) + n * eps32 * max|qpos|``.
+to the velocities. One step from random states is compared.
 
-At random states one step is compared. Where a capsule stands on the ground, steeper than 60 degrees, the engines build
-different contacts: MuJoCo lays the first tangent along its axis, MuJoCo-Warp along the world's y axis
-(google-deepmind/mujoco issue 2774). The friction pyramid then stands otherwise, and the velocities differ by up to its
-anisotropy. It takes a thigh or calf upright in the ground: a robot that lies on its back or side. Such states are
-counted separately.
+Where a capsule stands on the ground, steeper than 60 degrees, the engines build different contacts: MuJoCo lays the
+first tangent along its axis, MuJoCo-Warp along the world's y axis (google-deepmind/mujoco issue 2774). The friction
+pyramid then stands otherwise, and the velocities differ by up to its anisotropy. It takes a thigh or calf upright in
+the ground: a robot that lies on its back or side. Such states are counted separately.
 """
 
 from __future__ import annotations
@@ -35,15 +31,6 @@ from mrwarp.usd.robot import DEFAULT_Q
 
 EPS32 = 2.0**-24
 """Largest relative rounding error of a float32."""
-
-PERTURBATION = 1e-6
-"""Change of the velocities that measures their amplification [rad/s, m/s]."""
-
-DIRECTIONS = 8
-"""Random directions of that change."""
-
-STEPS = 20
-"""Compared steps of a run: 100 ms."""
 
 GROUPS = {"in the air": 400, "on its feet": 400, "lying": 200}
 """Number of random states by group; together 1,000."""
@@ -65,20 +52,6 @@ DEPTH = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Agreement:
-    """Differences between the engines over a run."""
-
-    name: str
-    """The case."""
-    difference: np.ndarray
-    """Largest |d qpos| [m, rad] and |d qvel| [m/s, rad/s] after each step, shape (STEPS, 2)."""
-    tolerance: np.ndarray
-    """Their a-priori tolerances, shape (STEPS, 2)."""
-    foot_force: float
-    """Largest foot force [N]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class StateAgreement:
     """Differences after one step from the states of a group; N states."""
 
@@ -96,76 +69,6 @@ class StateAgreement:
     """Contacts per state, shape (N,)."""
     limits: np.ndarray
     """Joints at their limits per state, shape (N,)."""
-
-
-def agreement(*, seed: int) -> list[Agreement]:
-    """Step both engines from the same states under the same torques for 100 ms and compare them.
-
-    In the air with tumbling limbs, standing held by the brakes, and one foot-fall at 1 m/s on uneven legs.
-    """
-    scene, rng = robot_scene(), np.random.default_rng(seed)
-    rest, joints = stance(scene, 1).numpy()[0], len(scene.actuators)
-    at_rest = np.zeros(scene.model.nv)
-    air, tumbling = rest.copy(), rng.uniform(-2.0, 2.0, scene.model.nv)
-    air[2] = 1.0
-    air[scene.q_adr] += rng.uniform(-0.3, 0.3, joints)
-    landing, falling = rest.copy(), at_rest.copy()
-    landing[2] += 0.03
-    landing[scene.q_adr] += rng.uniform(-0.1, 0.1, joints)
-    falling[2], falling[scene.v_adr] = -1.0, rng.uniform(-1.0, 1.0, joints)
-    sims = (Sim(scene, SimCfg(num_envs=1 + DIRECTIONS)), Sim(scene, SimCfg(num_envs=1, backend=BackendKind.MJWARP)))
-    rng = np.random.default_rng(seed)
-    return [
-        _compare_run(name, qpos.astype(np.float32), qvel.astype(np.float32), bound, *sims, rng)
-        for name, qpos, qvel, bound in (
-            ("in the air", air, tumbling, 3.0),
-            ("standing", rest, at_rest, 25.0),
-            ("foot-fall", landing, falling, 3.0),
-        )
-    ]
-
-
-def _compare_run(
-    name: str, qpos: np.ndarray, qvel: np.ndarray, bound: float, exact: Sim, single: Sim, rng: np.random.Generator
-) -> Agreement:
-    """Run one case on both engines; ``exact`` also carries the perturbed runs in its further environments."""
-    scene, dt = exact.scene, exact.dt
-    for sim in (exact, single):
-        sim.reset(None, _tiled(qpos, sim), _tiled(qvel, sim))
-    speeds = exact.backend.field("qvel").numpy()
-    speeds[1:] += PERTURBATION * rng.choice([-1.0, 1.0], (DIRECTIONS, scene.model.nv))
-
-    data = mujoco.MjData(scene.model)
-    data.qpos[:] = qpos
-    mujoco.mj_forward(scene.model, data)
-    condition = float(np.linalg.cond(mass_matrix(scene.model, data)))
-
-    bounds = np.array([bound if actuator.mr else 0.0 for actuator in scene.actuators])
-    difference, added, amplification, force = np.zeros((STEPS, 2)), np.zeros((STEPS, 2)), np.zeros(2), 0.0
-    for step in range(STEPS):
-        tau = 35.0 * (np.array(DEFAULT_Q) - exact.q.numpy()[0]) - 0.6 * exact.qd.numpy()[0]
-        for sim in (exact, single):
-            sim.step(_tiled(tau.astype(np.float32), sim), _tiled(bounds, sim))
-        for column, field in enumerate(("qpos", "qvel")):
-            runs = exact.backend.field(field).numpy()
-            difference[step, column] = np.abs(single.backend.field(field).numpy()[0] - runs[0]).max()
-            amplification[column] = max(amplification[column], np.abs(runs[1:] - runs[0]).max() / PERTURBATION)
-        qacc = np.abs(exact.backend.field("qacc").numpy()[0]).max()
-        added[step, 0] = EPS32 * np.abs(exact.backend.field("qpos").numpy()[0]).max()
-        added[step, 1] = dt * condition * EPS32 * qacc + EPS32 * np.abs(speeds[0]).max()
-        force = max(force, float(exact.f_foot.numpy()[0].max()))
-    velocity_errors = np.cumsum(added[:, 1])[:, None]
-    return Agreement(
-        name=name,
-        difference=difference,
-        tolerance=amplification * velocity_errors + np.stack([np.cumsum(added[:, 0]), np.zeros(STEPS)], axis=1),
-        foot_force=force,
-    )
-
-
-def _tiled(values: np.ndarray, sim: Sim) -> wp.array:
-    """Values repeated in every environment."""
-    return wp.array(np.tile(values, (sim.num_envs, 1)), dtype=float, device="cpu")
 
 
 def state_agreement(*, seed: int) -> list[StateAgreement]:

@@ -151,9 +151,7 @@ class StandRun:
         return 0.01 * self.expected_drift + rounding
 
 
-def stand_on_brakes(
-    backend: BackendKind, *, seconds: float = 10.0, ls_iterations: int = 50, stiff_feet: bool = False
-) -> StandRun:
+def stand_on_brakes(backend: BackendKind, *, seconds: float = 10.0, ls_iterations: int = 50) -> StandRun:
     """The robot stands on its four brakes alone: zero calf stiffness and damping, hips and thighs under PD.
 
     It settles with stiff calf motors while the devices already hold; then the calf motors are switched off.
@@ -162,14 +160,10 @@ def stand_on_brakes(
         backend: The engine.
         seconds: Time without calf motors [s].
         ls_iterations: Line-search iterations forced on the model, past the check of ``SolverCfg``.
-        stiff_feet: Elliptic friction cones 100 times stiffer than the asset's soft pyramids: shows how much of the
-            trunk's sinking is feet that slide over the ground, and not brakes.
     """
 
     def options(model: mujoco.MjModel) -> None:
         model.opt.ls_iterations = ls_iterations
-        if stiff_feet:
-            model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 100.0
 
     robot = standing_robot((CURRENT,), backend=backend, options=options)
     robot.actuator.set_param("kp_low", robot.actuator.param("kp_base").numpy())

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 import warp as wp
 
 from benchmarks.verify.rigs import MOTORLESS, Link, WorkMeter, link_scene, standing_robot
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.config.sim_cfg import SimCfg
 from mrwarp.env.sim import ActuatedSim
 from mrwarp.params import MrParams
-from mrwarp.trials.walking import Policy, make_env
-from mrwarp.usd.robot import CURRENT_GROUPS, JOINTS
 
 DT = 0.005
 """Physics step [s], the paper's 200 Hz."""
@@ -45,10 +41,8 @@ class PassivityRun:
     """The engine."""
     q: np.ndarray
     """Angle of the first MR joint after each step [rad], shape (T,)."""
-    work: np.ndarray
-    """Work of the devices over each step [J], shape (T, E, M)."""
     figures: dict[str, float]
-    """See :meth:`WorkMeter.figures`."""
+    """See :meth:`WorkMeter.figures`; ``ledger_gap`` is :meth:`WorkMeter.ledger_gap`."""
 
 
 def falling_link(coupling: Coupling) -> PassivityRun:
@@ -69,51 +63,13 @@ def dropped_robot(coupling: Coupling, *, backend: BackendKind = BackendKind.MJBA
     return _run(standing_robot(coupling=coupling, lift=0.3, backend=backend), round(1 / DT))
 
 
-@torch.no_grad()
-def walking_robot(
-    coupling: Coupling, *, policy: Policy | None, seconds: float, seed: int, backend: BackendKind = BackendKind.MJBATCH
-) -> PassivityRun:
-    """The robot walks with a policy at 0.4 m/s, or stands under random joint targets; one environment per current.
-
-    Args:
-        coupling: How the devices act.
-        policy: What walks; None draws joint targets within 0.075 rad of the stance, new ones every 0.1 s.
-        seconds: Length of the run [s].
-        seed: Seed of the targets, initial poses and gait phases.
-        backend: The engine.
-    """
-    num_envs = len(CURRENT_GROUPS)
-    cfg = TaskCfg(num_envs=num_envs, seed=seed, coupling=coupling, backend=backend)
-    env = make_env(replace(cfg, keep_data=True), num_envs, seed)
-    meter, generator = WorkMeter(env.robot), torch.Generator().manual_seed(seed)
-    env.set_command(torch.tensor([0.4, 0.0, 0.0]))
-    obs, action = env.get_observations(), torch.zeros(env.num_envs, len(JOINTS))
-    angles, falls = [], 0
-    hold = round(0.1 / env.cfg.step_dt)
-    for step in range(round(seconds / env.cfg.step_dt)):
-        if policy is not None:
-            action = policy(obs)
-        elif step % hold == 0:
-            action = 0.3 * (2.0 * torch.rand(action.shape, generator=generator) - 1.0)
-        obs, _, _, _ = env.step(action)
-        falls += int(env.fallen.sum())
-        angles.append(float(env.q[0, env.actuator.mr_joints[0]]))
-    return _result(meter, np.repeat(angles, env.cfg.decimation), {"falls": float(falls)})
-
-
 def _run(robot: ActuatedSim, steps: int) -> PassivityRun:
     meter, joint, angles = WorkMeter(robot), robot.actuator.mr_joints[0], []
     for _ in range(steps):
         robot.step()
         angles.append(float(robot.sim.q.numpy()[-1, joint]))
-    return _result(meter, np.array(angles), {"ledger_gap": meter.ledger_gap()})
-
-
-def _result(meter: WorkMeter, q: np.ndarray, more: dict[str, float]) -> PassivityRun:
-    sim = meter.robot.sim
     return PassivityRun(
-        backend=sim.backend.kind,
-        q=q,
-        work=np.array(meter.work),
-        figures={**meter.figures(), **more},
+        backend=robot.sim.backend.kind,
+        q=np.array(angles),
+        figures={**meter.figures(), "ledger_gap": meter.ledger_gap()},
     )

@@ -41,7 +41,6 @@ import newton
 import numpy as np
 import warp as wp
 from newton.actuators import Actuator, ComponentKind, DriveBase, register_actuator_component
-from newton.actuators import DriveNeuralLSTM as DriveNeuralLSTM  # timed against ours by benchmarks/perf/newton_lstm.py
 
 import mrwarp.usd.open_stage  # registers the USD schema; must come before the first stage is opened
 from mrwarp.actuator import brake_constraint

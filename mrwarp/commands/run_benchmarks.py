@@ -11,7 +11,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import DEFAULT_POLICY
 
-PARTS = ("walking", "joint", "lstm", "training")
+PARTS = ("walking", "joint", "training")
 """Options of ``mrwarp perf``."""
 
 

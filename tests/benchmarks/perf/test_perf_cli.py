@@ -25,7 +25,7 @@ def result(tmp_path_factory: pytest.TempPathFactory, drawn: None) -> Path:
 def test_the_time_of_all_parts_is_told_beforehand() -> None:
     """A part left out costs nothing; more turns and more robots cost more; the quick run is about a minute."""
     quick = PerfCfg(num_envs=(64, 256), rounds=15, updates=0).estimate()
-    assert list(quick) == ["start", "walking, 64 robots", "walking, 256 robots", "joint", "lstm"]
+    assert list(quick) == ["start", "walking, 64 robots", "walking, 256 robots", "joint"]
     assert 30.0 < sum(quick.values()) < 90.0
     assert 200.0 < sum(PerfCfg().estimate().values()) < 600.0
     assert set(PerfCfg(parts=("joint",)).estimate()) == {"start", "joint"}
@@ -63,4 +63,4 @@ def test_compare_passes_against_itself_and_fails_when_slowed(
 def test_limits_hold_where_they_are_aimed_at() -> None:
     """64 and 256 robots have limits, other numbers none; ratios without a number have theirs."""
     assert limit_of("env/plain @64") == LIMITS["env/plain"] and limit_of("env/plain @1024") is None
-    assert limit_of("kernels/c") == 1.5 and limit_of("lstm window/torch") is None
+    assert limit_of("kernels/c") == 1.5 and limit_of("lstm window env/plain @64") is None

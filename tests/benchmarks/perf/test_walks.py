@@ -1,11 +1,8 @@
 """The timed robots walk, and plain physics repeats the walk's own steps; robots that do not walk are refused."""
 
-from pathlib import Path
-
 import pytest
 import torch
 
-from benchmarks.perf.lstm import LstmCost
 from benchmarks.perf.walks import NotWalkingError, Walk
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
@@ -39,14 +36,3 @@ def test_a_repeated_step_with_other_bits_is_refused(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("benchmarks.perf.walks.INPUTS", ("qpos", "qacc_warmstart", "qfrc_applied", "xfrc_applied"))
     with pytest.raises(NotWalkingError, match="other bits"):
         walk.plain_turn()
-
-
-def test_lstms_agree_and_are_timed(tmp_path: Path) -> None:
-    """Our kernel equals torch's LSTM; Newton's drive gives finite torques that change with its state."""
-    cost = LstmCost(5, tmp_path, threads=1)
-    turns = cost.turns(repeat=1)
-    assert {"carried", "window", "torch", "newton"} <= set(turns)
-    assert all(turn()["step"] > 0.0 for turn in turns.values())
-    first = cost._newton.torque.numpy().copy()
-    turns["newton"]()
-    assert (cost._newton.torque.numpy() != first).any()

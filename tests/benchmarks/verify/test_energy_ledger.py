@@ -5,7 +5,9 @@ import pytest
 
 from benchmarks.verify import energy_ledger as physics_ledger
 from benchmarks.verify.energy_ledger import LedgerRun
+from benchmarks.verify.passivity import ROUNDING
 from mrwarp.enums import Coupling
+from mrwarp.env.backend import BackendKind
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
 LEDGER_GAP = 1e-5
@@ -71,11 +73,13 @@ def test_ledger_closes_in_an_impact(coupling: Coupling) -> None:
 
 
 def test_ledger_closes_walking() -> None:
-    """4 s of the shipped policy at 0.4 m/s: motors pay devices, feet and the step.
+    """4 s of the shipped policy at 0.4 m/s: motors pay devices, feet and the step; no device pays in any step.
 
     Measured: 24 J of motors against -9.0 J of devices, -3.3 J of contacts, -11.4 J of the step (10 % of the turnover).
     """
-    run = physics_ledger.walking(OnnxPolicy(DEFAULT_POLICY), seed=0)
+    run, devices = physics_ledger.walking(OnnxPolicy(DEFAULT_POLICY), seed=0)
     assert_closes(run)
     assert (run.work["motor"] > 15.0).all() and (run.work["device"] < -5.0).all() and (run.work["contact"] < 0.0).all()
     assert (np.abs(run.work["step"]) < 0.15 * run.turnover).all()
+    figures = devices.figures()
+    assert figures["largest_step_work"] <= ROUNDING[BackendKind.MJBATCH] and figures["unsolved_share"] < 0.005
