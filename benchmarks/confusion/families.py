@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from benchmarks.confusion import foreign, mechanics, outside
+from benchmarks.confusion import bench, foreign, mechanics, outside
 from benchmarks.confusion.case import Case, JointCase, make_case, make_foreign, make_joint
 from benchmarks.confusion.effects import CALIBRATION, PAIRS, SINGLE, UNCATALOGUED
 from benchmarks.confusion.motion import joined
@@ -24,6 +24,7 @@ FAMILIES = (
     "foreign",
     "outside",
     "mechanics",
+    "bench",
 )
 """Families by name."""
 
@@ -79,7 +80,7 @@ class Plan:
             raise ValueError(f"kind {min(unknown)!r} is not in family {self.family!r}; of {', '.join(self._known())}")
 
     def _known(self) -> list[str]:
-        kinds = {"uncatalogued": UNCATALOGUED, "calibration": CALIBRATION, "none": ("none",)}
+        kinds = {"uncatalogued": UNCATALOGUED, "calibration": CALIBRATION, "none": ("none",), "bench": bench.EFFECTS}
         kinds |= {family: laws.HIDDEN for family, laws in OTHER_LAWS.items()}
         if self.family == "pairs":
             return ["+".join(pair) for pair in PAIRS]
@@ -95,6 +96,8 @@ class Plan:
             laws = OTHER_LAWS[self.family].LAWS
             out = {"kind": kind, "law": laws[index % len(laws)], "share": self.level, "seed": out["seed"]}
             return out | ({"size": self.size} if self.size and self.family != "mechanics" else {})
+        if self.family == "bench":
+            return {"kind": kind, "seed": out["seed"], **({"size": self.size} if self.size else {})}
         if self.family == "none":
             out["noise"], out["size"], out["base_spread"] = _NONE[index % len(_NONE)]
         elif self.family == "background":
@@ -116,6 +119,8 @@ class Plan:
 
     def make(self, index: int) -> Case | JointCase:
         """Make the case ``index``."""
+        if self.family == "bench":
+            return bench.make_session(**self.arguments(index))
         if self.family == "mechanics":
             return make_joint(**self.arguments(index))
         made = make_foreign if self.family in OTHER_LAWS else make_case

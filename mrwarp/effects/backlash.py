@@ -99,7 +99,7 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 1e-5 * r.q,
             high=lambda r: 0.45 * r.q,
-            # 3 to 5 % too small at 200 Hz, for nobody sees the path between samples (benchmarks.coverage)
+            # 3 to 5 % too small at 200 Hz, for nobody sees the path between samples (benchmarks.confusion, bench)
             resolution=0.04,
             starts=lambda r: tuple(
                 x * r.q for x in (4e-5, 1e-4, 3e-4, 7e-4, 0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2)

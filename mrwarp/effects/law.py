@@ -233,7 +233,7 @@ DRY_FRICTION_RESOLUTION = 0.02
 """Relative standard error of dry friction, whose change of sign nobody sees.
 
 Friction that changes its sign at once comes back as it is, that of a contact which is strained over 0.2 mrad 3 % too
-small (``benchmarks.coverage --known --effects coulomb_friction``).
+small (``benchmarks.confusion --family bench --known --kinds coulomb_friction``).
 """
 
 

@@ -7,7 +7,7 @@ from mrwarp.effects.law import STEP_IN_INTERVAL, EffectLaw, EffectParameter, Pat
 SAMPLING_RESOLUTION = 0.005
 """Relative standard error of a lag of about a sample, as nobody sees the torque between samples.
 
-A straight line there gives 0.7 % too little (``benchmarks.coverage --effects torque_sensor_lag``).
+A straight line there gives 0.7 % too little (``benchmarks.confusion --family bench --kinds torque_sensor_lag``).
 """
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from benchmarks.confusion import levels
+from benchmarks.confusion import bench, levels
 from benchmarks.confusion.case import NOISES, Noise, Truth, make_case, write_case
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UNCATALOGUED, Effect
 from benchmarks.confusion.families import FAMILIES, OTHER_LAWS, Plan
@@ -360,7 +360,7 @@ def test_every_family_has_its_cases(family: str) -> None:
     arguments = [plan.arguments(index) for index in range(200)]
     assert len({a["seed"] for a in arguments}) == 200
     assert all(a.get("velocity", True) for a in arguments if a["kind"] == "velocity_lag")
-    expected = {"none": 1, "uncatalogued": 6, "pairs": 6, "calibration": 4}
+    expected = {"none": 1, "uncatalogued": 6, "pairs": 6, "calibration": 4, "bench": len(bench.EFFECTS)}
     expected |= {name: len(set(laws.HIDDEN)) for name, laws in OTHER_LAWS.items()}
     assert len({a["kind"] for a in arguments}) == expected.get(family, len(SINGLE))
     if family == "none":
