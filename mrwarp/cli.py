@@ -58,8 +58,10 @@ def _main(words: list[str], prog: str) -> int:
             hint = closest(words[0], entry.commands)
             return _refuse(called, f"there is no command {words[0]!r}; {hint}see {called} --help", 2)
         called, entry = f"{called} {words[0]}", entry.commands[words.pop(0)]
-    for word in itertools.takewhile(lambda word: not word.startswith("-"), words):
-        if gone := GONE.get(called.rpartition(" ")[2], {}).get(word):
+    named = itertools.takewhile(lambda word: not word.startswith("-"), words)
+    options = itertools.takewhile(lambda word: word != "--", words)
+    for word in (*named, *(word for word in options if word.startswith("--"))):
+        if gone := GONE.get(called.rpartition(" ")[2], {}).get(word.partition("=")[0]):
             return _refuse(called, f"{word} is gone; see {gone}", 2)
     for asked, variant in entry.variants.items():
         if words[:1] == [asked[0]] and set(asked) <= set(words):

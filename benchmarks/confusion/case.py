@@ -137,7 +137,8 @@ class JointCase:
     recording: Recording
     truth: Truth
     level: float
-    noise_share: float = 0.01
+    noise_share: float | None = None
+    """As of :class:`Case`; None where no ideal torque is known."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from mrwarp import paper
 from mrwarp.commands.run_walk import Distance, EnergyOptions, trained_on, trot_speed
@@ -15,10 +15,6 @@ from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import write_result
 from mrwarp.runtime import drawing
-
-if TYPE_CHECKING:
-    from mrwarp.trials.mission import MissionCfg
-    from mrwarp.trials.walking import Policy
 
 TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
 """Options that make a mission the paper's or another."""
@@ -62,11 +58,6 @@ class Mission(EnergyOptions):
     """repetitions"""
     feedback: opt.Flag = False
     """warm windings and fluids act back; a second pass"""
-    thermal: opt.Flag = False
-    """MR_Go-SAL alone, its devices warming up along the way: what holds slip, what compensation costs; with the three
-    shipped policies, or the one that is named"""
-    ambient: Annotated[float, opt.one(opt.within(-60.0, 80.0, "K"), "K")] = 0.0
-    """with --thermal: air above the temperature at which the devices were identified"""
     calibrate: opt.Flag = False
     """fit thermal numbers and capacity to Go1's, write numbers.json"""
 
@@ -98,13 +89,10 @@ class Mission(EnergyOptions):
         of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
         given = groups["thermal"]
         groups["thermal"], unknown = heat_of_devices(devices, given)
-        if unknown and (self.thermal or self.feedback):
-            option, names = "--thermal" if self.thermal else "--feedback", "; ".join(unknown)
-            raise ValueError(f"{option}: how the devices of --model warm up is not known: {names}; state it")
-        if self.thermal:
-            return self._thermal(line, cfg, self._thermal_policies(policies), groups, progress)
-        if self.ambient:
-            raise ValueError("--ambient goes with --thermal; add it")
+        if unknown and self.feedback:
+            raise ValueError(
+                f"--feedback: how the devices of --model warm up is not known: {'; '.join(unknown)}; state it"
+            )
         if self.calibrate and "go1" not in cfg.robots:
             raise ValueError("--calibrate needs Go1 among the robots")
         if self.calibrate and not of_paper:
@@ -134,54 +122,4 @@ class Mission(EnergyOptions):
             walk_pictures.mission_temperature(traces, figures["robots"], self.out / "temperature.png")
         print("\n".join(energy_report.mission_lines(figures)))
         print(f"\nfigures and pictures in {self.out}")
-        return 0
-
-    def _thermal_policies(self, policies: dict[str, Policy]) -> dict[str, Policy]:
-        """The policy that was named, or the three shipped ones by their seeds."""
-        if self.policy or self.policy_mr_go_sal:
-            return {"policy": policies["mr_go_sal"]}
-
-        from mrwarp.resources import ENERGY, FIRST_SEEDS, plant_of, policy_file
-        from mrwarp.rl.policy import OnnxPolicy
-
-        plant = plant_of("mr_go_sal", self.coupling)
-        return {f"seed {seed}": OnnxPolicy(policy_file(ENERGY, plant, seed)) for seed in FIRST_SEEDS}
-
-    def _thermal(
-        self,
-        line: CommandLine,
-        cfg: MissionCfg,
-        policies: dict[str, Policy],
-        groups: dict[str, Any],
-        progress: ProgressBar,
-    ) -> int:
-        """The mission of MR_Go-SAL with devices that warm up."""
-        from mrwarp.energy.model_numbers import described
-        from mrwarp.trials import thermal_mission
-
-        if self.calibrate or self.feedback:
-            raise ValueError("--thermal takes neither --calibrate nor --feedback; leave them out")
-        if self.current_by is not None:
-            raise ValueError("--thermal compares fixed and scheduled currents by itself; leave out --current-by")
-        begun, missions = time.process_time(), {}
-        try:
-            for k, (name, policy) in enumerate(policies.items()):
-
-                def report(text: str, share: float, k: int = k, name: str = name) -> None:
-                    progress(f"{name}, {text}", (k + share) / len(policies))
-
-                missions[name] = thermal_mission.run(
-                    cfg, policy, groups["electrical"], groups["thermal"], self.ambient, report
-                )
-        finally:
-            progress.done()
-        found = thermal_mission.over(missions)
-        same = {**self.chosen(*TASK), "window": self.window, "trials": self.trials}
-        figures = {**found, "task": same, "numbers": described(groups)}
-        figures["processor_seconds"] = time.process_time() - begun
-        write_result(self.out, figures, seed=self.seed, command=str(line))
-        with drawing("thermal.png"):
-            thermal_mission.picture(found, self.out / "thermal.png")
-        print("\n".join(thermal_mission.lines(found)))
-        print(f"\nfigures and picture in {self.out}")
         return 0

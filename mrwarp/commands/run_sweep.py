@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional
 
@@ -41,28 +41,19 @@ class Sweep(Options):
     """new starts of a trial that is killed"""
     figure: Annotated[tuple[str, ...], opt.some(str, "NAME")] = ()
     """figures to compare, e.g. gate.v_x_rmse.0.5"""
-    runner: Literal["local", "ray"] | None = None
-    """local: processes of this machine; ray: Ray's workers (pip install 'mrwarp[sweep]') (default: local)"""
-    address: Annotated[str | None, opt.one(str, "A")] = None
-    """Ray cluster, e.g. auto or HOST:6379; its nodes must share --out"""
 
     def run(self, line: CommandLine) -> int:
         """0 when every trial has a result, 1 when one failed, 2 on bad input, 130 after Ctrl-C."""
-        from mrwarp.sweep.grid import GridError, make_trials
+        from mrwarp.sweep.grid import make_trials
 
-        if self.address and self.runner == "local":
-            raise GridError("--address needs --runner ray; leave --runner out")
         trials = make_trials(self.command, self.grid, self.arguments, self.out, threads=self.cpus)
         check_writable(self.out)
 
         from mrwarp.sweep.compare import report
-        from mrwarp.sweep.runners import local_runner, ray_runner, run_trials
+        from mrwarp.sweep.runners import local_runner, run_trials
 
         workers = self.workers or max((os.cpu_count() or 1) // self.cpus, 1)
-        if self.address or self.runner == "ray":
-            runner = ray_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries, address=self.address)
-        else:
-            runner = local_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries)
+        runner = local_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries)
         ended = run_trials(trials, self.out, runner)
         complete = report(trials, self.figure, self.out, str(line))
         if not ended:

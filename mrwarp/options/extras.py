@@ -9,7 +9,6 @@ EXTRAS = {
     "rerun": "view",
     **dict.fromkeys(("pyarrow", "rosbags"), "logs"),
     **dict.fromkeys(("h5py", "openpyxl"), "files"),
-    "ray": "sweep",
 }
 """Extra by the name under which a library is imported."""
 

@@ -1,4 +1,4 @@
-"""Runs trials: each is a process with a state in ``trial.json``, on this machine or in a task of Ray.
+"""Runs trials: each is a process of this machine with a state in ``trial.json``.
 
 A file ``running-...`` stands in the sweep's folder while trials may run: when it is gone, they save and end.
 """
@@ -16,9 +16,9 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import warp as wp
 
@@ -91,7 +91,7 @@ def local_runner(workers: int, *, cpus: int, gpus: int, retries: int) -> Runner:
         named = os.environ.get("CUDA_VISIBLE_DEVICES")
         there = named.split(",") if named else [str(k) for k in range(wp.get_cuda_device_count())]
         if len(there) < gpus:
-            raise GridError(f"--gpus {gpus}: this machine has {len(there)}; give fewer or another --address")
+            raise GridError(f"--gpus {gpus}: this machine has {len(there)}; give fewer")
         workers = min(workers, len(there) // gpus)
     shares: queue.SimpleQueue[dict[str, str]] = queue.SimpleQueue()
     for k in range(workers):
@@ -108,40 +108,6 @@ def local_runner(workers: int, *, cpus: int, gpus: int, retries: int) -> Runner:
     return Runner(workers, run)
 
 
-def ray_runner(workers: int, *, cpus: int, gpus: int, retries: int, address: str | None) -> Runner:
-    """Tasks of Ray: on a cluster whose nodes share the sweep's folder, or on this machine, on loopback alone.
-
-    Raises:
-        GridError: Ray is not installed, or the cluster does not answer.
-    """
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing about a run leaves it
-    here: dict[str, Any] = {"address": address}
-    if not address:
-        # Ray's switch for machines that are no cluster: all its servers bind to 127.0.0.1
-        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
-        here = {"include_dashboard": False, "num_cpus": workers * cpus}
-    try:
-        import ray  # pyright: ignore[reportMissingImports]
-
-        ray.init(logging_level="ERROR", log_to_driver=False, **here)
-    except ImportError:
-        raise GridError("--runner ray: Ray is not installed; run pip install 'mrwarp[sweep]'") from None
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        where = f"--address {address}" if address else "on this machine"
-        raise GridError(f"{where}: Ray does not start ({' '.join(str(error).split())[:200]})") from None
-    task: Any = ray.remote(max_retries=retries, num_cpus=cpus, num_gpus=gpus)(run_trial)
-
-    def run(trial: Trial, mark: Path) -> None:
-        """Ray repeats a task whose worker or node died; one that it gave up leaves a failed trial."""
-        try:
-            ray.get(task.remote(trial, mark, retries, dict.fromkeys(LIMITS, str(cpus))))
-        except ray.exceptions.RayError as error:
-            why = f"its worker was lost ({' '.join(str(error).split())[:200]})"
-            write_status(trial, replace(read_status(trial), state="failed", pid=None, why=why))
-
-    return Runner(1000, run)  # Ray runs as many as it has room for
-
-
 def run_trial(trial: Trial, mark: Path, retries: int, variables: dict[str, str]) -> None:
     """Run a trial to its end; a start that is killed or crashes is repeated, bad input is not.
 
@@ -151,10 +117,7 @@ def run_trial(trial: Trial, mark: Path, retries: int, variables: dict[str, str])
         retries: Most repetitions.
         variables: Environment variables of the process in addition to this one's.
     """
-    before = read_status(trial)
-    status = Status(args=trial.args, wall_seconds=before.wall_seconds)
-    if before.state == "running":  # Ray began it again on another worker
-        status.attempts, status.why = before.attempts, "its worker was killed"
+    status = Status(args=trial.args, wall_seconds=read_status(trial).wall_seconds)
     again = True
     while again and mark.exists():
         started = time.monotonic()

@@ -97,13 +97,12 @@ def test_coils_of_unknown_resistance_take_nobody_knows_what() -> None:
     np.testing.assert_allclose(loss.numpy(), [[0.0, 7.5], [np.nan, 19.2]], rtol=1e-6)
 
 
-@pytest.mark.parametrize("option", ["--thermal", "--feedback"])
-def test_missions_of_devices_that_warm_up(option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missions_of_devices_that_warm_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Refused where nobody knows how they do, with what is missing."""
     path = save_model(brake(), tmp_path / "model.json")
-    assert main(["mission", "--model", str(path), option, "--out", str(tmp_path / "out")]) == 2
+    assert main(["mission", "--model", str(path), "--feedback", "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert f"{option}: how the devices of --model warm up is not known: coil resistance; heat capacity (--set" in said
+    assert "--feedback: how the devices of --model warm up is not known: coil resistance; heat capacity (--set" in said
     assert not (tmp_path / "out").exists()
 
 

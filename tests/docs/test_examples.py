@@ -49,7 +49,6 @@ NOT_RUN = {
     "mrwarp reproduce fig4 --train": "hours; tests/paper/reproduce/test_fig4.py",
     "mrwarp reproduce table4": "minutes; tests/paper/reproduce/test_headlines.py",
     "mrwarp reproduce docs": "writes into a checkout; tests/paper/reproduce/test_pages.py",
-    "mrwarp mission --thermal": "minutes; tests/trials/test_thermal_mission.py",
     "mrwarp monitor": "reads records of others; tests/identify/test_monitor.py",
     "git clone": "needs a network",
     "mrwarp robot": "reads a robot of others; tests/robots",

@@ -1,7 +1,5 @@
 """A trial is begun again from its checkpoint when it is killed, not when its input is bad; where it runs; stopping."""
 
-import json
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +10,7 @@ import pytest
 
 from mrwarp.sweep import runners
 from mrwarp.sweep.grid import GridError, Trial
-from mrwarp.sweep.runners import Status, local_runner, ray_runner, read_status, run_trial, run_trials, write_status
+from mrwarp.sweep.runners import Status, local_runner, read_status, run_trial, run_trials, write_status
 
 
 def make_trial(out: Path, seed: int = 0) -> Trial:
@@ -135,44 +133,3 @@ def test_an_error_of_the_sweep_itself_comes_out(monkeypatch: pytest.MonkeyPatch,
             [make_trial(tmp_path, seed) for seed in range(6)], tmp_path, local_runner(2, cpus=1, gpus=0, retries=0)
         )
     assert not list(tmp_path.glob("running-*"))
-
-
-def test_what_ray_is_asked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A stand-in for Ray: a worker that is lost for good leaves a failed trial, the others their results."""
-    trials = [make_trial(tmp_path, seed) for seed in range(3)]
-    found: dict[str, Any] = {}
-
-    class Ray:
-        """The calls that a sweep makes of it."""
-
-        class exceptions:  # noqa: N801
-            """Ray's errors."""
-
-            class RayError(Exception):
-                """Of a task."""
-
-        def init(self, **options: Any) -> None:
-            """Start."""
-            found["init"] = options
-
-        def remote(self, **options: Any) -> Any:
-            """A task that runs where it is called."""
-            found["task"] = options
-            return lambda function: type("Task", (), {"remote": lambda _, *args: (function, args)})()
-
-        def get(self, task: Any) -> None:
-            """Run it, but for the trial that is lost."""
-            function, (trial, *more) = task
-            if trial is trials[1]:
-                raise self.exceptions.RayError("node\ndied")
-            function(trial, *more)
-
-    def run(trial: Trial, mark: Path, retries: int, variables: dict[str, str]) -> None:
-        write_status(trial, Status(state="done", args=trial.args, attempts=1))
-
-    monkeypatch.setitem(sys.modules, "ray", Ray())
-    monkeypatch.setattr(runners, "run_trial", run)
-    assert run_trials(trials, tmp_path, ray_runner(1, cpus=2, gpus=1, retries=5, address="auto"))
-    assert found["init"]["address"] == "auto" and found["task"] == {"max_retries": 5, "num_cpus": 2, "num_gpus": 1}
-    assert [read_status(trial).state for trial in trials] == ["done", "failed", "done"]
-    assert json.loads((trials[1].folder / "trial.json").read_text())["why"] == "its worker was lost (node died)"

@@ -80,6 +80,8 @@ def test_settings_refuse_lengths_that_end_no_walk(name: str, length: float) -> N
         (["reproduce", "table6", "electrical"], "a table of 'mrwarp reproduce table6'"),
         (["study", "table2"], "mrwarp reproduce table2"),
         (["study", "limits"], "docs/beyond.md"),
+        (["mission", "--thermal"], "docs/beyond.md"),
+        (["sweep", "--address"], "docs/policies.md: a sweep runs on one machine"),
     ],
 )
 def test_what_is_gone_says_where_it_is_now(words: list[str], instead: str, capsys: pytest.CaptureFixture) -> None:
