@@ -30,7 +30,6 @@ LANGUAGES = {"bash", "python", "text", "json", "usda", "csv"}
 NOT_RUN = {
     "make test": "runs these very tests",
     ". .venv/bin/activate": "is for the reader's shell",
-    "pip install": "needs a network",
     "torchrun": "tests/rl/test_ranks.py",
     "python -m benchmarks": "minutes to days; tests/benchmarks runs each for a moment",
     "mrwarp diagnose joint runs/hidden": "reads what the command before it hides",
