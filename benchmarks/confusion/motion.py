@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.confusion.current import Current
 from benchmarks.confusion.path import Path, Turns
@@ -61,34 +61,6 @@ class Motion:
     """Commanded current."""
     start: np.ndarray
     """Start of each trajectory in its session [s], shape (T,), in rising order."""
-
-    @classmethod
-    def of_samples(cls, q: np.ndarray, current: np.ndarray, *, rate: float, kind: str = "experiment") -> Motion:
-        """A motion that is given at its logged samples, such as a proposed experiment; a session of its own.
-
-        Args:
-            q: Displacement [rad], shape (T, M); a cubic spline runs through it.
-            current: Command [A], shape (T, M), held from each sample to the next.
-            rate: Logging rate [1/s].
-            kind: What its trajectories are called.
-        """
-        substeps, samples = math.ceil(TRUTH_RATE / rate), q.shape[1]
-        at, fine = np.arange(samples) / rate, np.arange((samples - 1) * substeps + 1) / (rate * substeps)
-        spline = CubicSpline(at, q, axis=1)
-        changes = [np.flatnonzero(np.diff(row, prepend=np.nan)) for row in current]
-        return cls(
-            kind=(kind,) * len(q),
-            rate=rate,
-            substeps=substeps,
-            q=spline(fine),
-            qd=spline(fine, 1),
-            # a hair before the sample, which rounding could otherwise put before its edge
-            command=Current.steps(
-                [np.maximum(at[k] - 1e-9, 0.0) for k in changes],
-                [row[k] for row, k in zip(current, changes, strict=True)],
-            ),
-            start=np.arange(len(q)) * (samples / rate + 10.0),
-        )
 
     @property
     def dt(self) -> float:

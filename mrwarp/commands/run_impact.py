@@ -53,8 +53,6 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
     """mr_go, go1, or a USD file of 'mrwarp robot import' (default: the file of the policy's robot, else mr_go)"""
     payload: opt.Load = 0
     """mass on the back [kg]"""
-    sensitivity: opt.Flag = False
-    """also vary the gates' thresholds (paper section 3.2)"""
     seed: opt.Seed = 0
     """seed of poses and gait phases"""
     serve_web: Annotated[opt.Flag, opt.VIEW] = False
@@ -86,7 +84,7 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
 
         from mrwarp.rl.policy import OnnxPolicy
         from mrwarp.trials.impact import Variant
-        from mrwarp.trials.impact_figures import figures, plot_thresholds
+        from mrwarp.trials.impact_figures import figures
         from mrwarp.viewing import robot_pictures
         from mrwarp.viewing.live_view import ImpactView, open_sink
 
@@ -121,10 +119,6 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
         if view is not None:
             view.close()
             result["shown"] = view.minima
-        if self.sensitivity:
-            result["sensitivity"] = found = self._sensitivity(policy)
-            of_paper = found["paper"] is not None
-            pictures["sensitivity.png"] = partial(plot_thresholds, found["ours"], paper_device=of_paper)
         write_result(self.out, result, seed=self.seed, command=str(line))
         _draw(pictures, self.out)
         print(f"\nfigures and pictures in {self.out}")
@@ -180,18 +174,6 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
             env=fixed_current_env(holding=self.branches == "both", coupling=coupling, **robot),
         )
         return ImpactSweep(replace(cfg.scaled(scales_of(robot["robot"], self.asset)), **given), policy)
-
-    def _sensitivity(self, policy: OnnxPolicy) -> dict[str, Any]:
-        from mrwarp.trials.impact_figures import threshold_reductions, threshold_variants
-
-        print("threshold sensitivity: every value of f_th, eps_e and eps_v in one batch", flush=True)
-        current = max(self.current)
-        sweep = self._sweep(Coupling.CONSTRAINT, threshold_variants(current), policy)
-        rows = threshold_reductions(sweep.run())
-        for name, entries in rows.items():
-            text = ", ".join(f"{e['value']:g}: {e['drop']['mean']:.2f} / {e['motor']['mean']:.2f} %" for e in entries)
-            print(f"  {name:6s} reduction of CoM drop / motor torque: {text}")
-        return {"current": current, "ours": rows, "paper": None if sweep.foreign else paper.THRESHOLDS}
 
 
 def _draw(pictures: Mapping[str, Callable[..., Any]], out: Path) -> None:

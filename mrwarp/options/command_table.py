@@ -53,6 +53,7 @@ GONE = {
         "causes": "a table of 'mrwarp reproduce table2'",
         **dict.fromkeys(("quality", "current", "ageing", "pushes", "limits", "release"), "docs/beyond.md"),
     },
+    "impact": {"--sensitivity": "mrwarp reproduce sensitivity"},
     "sweep": dict.fromkeys(("--runner", "--address"), "docs/policies.md: a sweep runs on one machine"),
     "mission": dict.fromkeys(("--thermal", "--ambient"), "docs/beyond.md"),
     "reproduce": {"predictions": "docs/beyond.md", "electrical": "a table of 'mrwarp reproduce table6'"},

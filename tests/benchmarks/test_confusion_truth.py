@@ -16,7 +16,7 @@ from benchmarks.confusion.case import NOISES, Noise, Truth, make_case, write_cas
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UNCATALOGUED, Effect
 from benchmarks.confusion.families import FAMILIES, OTHER_LAWS, Plan
 from benchmarks.confusion.levels import TOLERANCE
-from benchmarks.confusion.motion import Motion, make_session
+from benchmarks.confusion.motion import make_session
 from benchmarks.confusion.path import behind_gap
 from benchmarks.confusion.suite import SuiteError, run_case, run_suite
 from benchmarks.confusion.tables import report
@@ -197,23 +197,6 @@ def test_a_shaft_that_leaves_its_stop_moves_by_its_balance() -> None:
     miss = np.abs(found.z[0, open_] - exact).max() / exact[0]
     print(f"z {exact[0]:.3f} to {exact[-1]:.3f} rad, largest miss {miss:.4f} of it")
     assert exact[-1] < 0.7 * exact[0] and miss < dt * abs(rate(0.0, exact[0])) / exact[0]
-
-
-def test_a_proposed_experiment_runs_on_the_same_device() -> None:
-    """Motion and current given at samples: the held current steps at its samples, and a delay shows behind them."""
-    case = make_case("command_delay", level=0.4, seed=3, size="small")
-    t = np.arange(400) / 200.0
-    q = np.stack([0.3 * np.sin(2.0 * np.pi * t), 0.2 * np.sin(4.0 * np.pi * t)])
-    command = np.where((t * 5.0) % 1.0 < 0.5, 1.2, 0.2) * np.ones((2, 1))
-    motion = Motion.of_samples(q, command, rate=200.0)
-    recording = case.record(motion, stream=6, noise=SILENT)
-    run = recording.trajectories[1]
-    np.testing.assert_allclose(run.q, q[1], rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(run.current, command[1])
-    plain = dataclasses.replace(case, device=case.device.with_effects({})).record(motion, stream=6, noise=SILENT)
-    differs = np.abs(run.torque - plain.trajectories[1].torque) > 1e-3
-    stepped = np.diff(command[1], prepend=command[1, 0]) != 0.0
-    assert differs.any() and stepped[differs].all()
 
 
 def test_files_hold_the_recording(tmp_path: Path) -> None:

@@ -27,12 +27,12 @@ def test_combinations_in_order() -> None:
 
 def test_values_of_several_words_and_flags() -> None:
     """A quoted list is several values, a negative number no option, a flag is there or not."""
-    impact = trials_of("impact", ["current=0 0.5,1.5", "sensitivity=on,off"], [])
+    impact = trials_of("impact", ["current=0 0.5,1.5", "live=on,off"], [])
     assert [trial.args[1:] for trial in impact] == [
-        ["--current", "0", "0.5", "--sensitivity"], ["--current", "0", "0.5"],
-        ["--current=1.5", "--sensitivity"], ["--current=1.5"],
+        ["--current", "0", "0.5", "--live"], ["--current", "0", "0.5"],
+        ["--current=1.5", "--live"], ["--current=1.5"],
     ]  # fmt: skip
-    assert impact[0].folder.name == "current=0-0.5_sensitivity=on"
+    assert impact[0].folder.name == "current=0-0.5_live=on"
     assert trials_of("impact", ["speed=-0.5"], [])[0].args == ["impact", "--speed=-0.5"]
 
 

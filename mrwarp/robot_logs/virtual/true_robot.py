@@ -106,8 +106,6 @@ class TrueRobot:
         self.data = mujoco.MjData(self.model)
         ids = [self.model.joint(name).id for name in description.joints]
         self.q_adr, self.v_adr = self.model.jnt_qposadr[ids], self.model.jnt_dofadr[ids]
-        give = [mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name + PLAY) for name in description.joints]
-        self.link_adr = np.array([self.model.jnt_dofadr[g] if g >= 0 else -1 for g in give])
         self.trunk = self.model.body(description.trunk).id
         self.feet = np.array([self.model.geom(name).id for name in description.feet], dtype=int)
         self.friction = self.model.dof_frictionloss[self.v_adr].copy()

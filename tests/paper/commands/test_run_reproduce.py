@@ -81,6 +81,7 @@ def test_settings_refuse_lengths_that_end_no_walk(name: str, length: float) -> N
         (["study", "table2"], "mrwarp reproduce table2"),
         (["study", "limits"], "docs/beyond.md"),
         (["mission", "--thermal"], "docs/beyond.md"),
+        (["impact", "--sensitivity"], "mrwarp reproduce sensitivity"),
         (["sweep", "--address"], "docs/policies.md: a sweep runs on one machine"),
     ],
 )
