@@ -203,18 +203,6 @@ def test_an_error_stands_on_a_line_of_its_own_below_the_progress(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("runner", ["local", "ray"])
-def test_a_sweep_without_a_runner_leaves_no_folder(
-    runner: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Options that exclude each other, and a Ray that is not installed."""
-    monkeypatch.setitem(sys.modules, "ray", None)
-    args = ["--out", str(tmp_path / "out"), "--command", "train", "--grid", "seed=0,1", "--runner", runner]
-    line = refused(["sweep", *args, "--address", "host:1"], capsys)
-    assert ("leave --runner out" if runner == "local" else "pip install") in line
-    assert not (tmp_path / "out").exists()
-
-
 OUT_OF_RANGE: dict[str, list[tuple[list[str], str]]] = {
     "impact": [
         (["--current", "nan"], "nan .. 0 to 100 A"),
