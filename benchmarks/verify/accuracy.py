@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from benchmarks.verify.rigs import LOADED, MOTORLESS, Link, Load, convergence_order, link_scene, root_mean_square
+from benchmarks.verify.rigs import LOADED, MOTORLESS, Link, Load, link_scene, root_mean_square
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.config.sim_cfg import SimCfg
@@ -159,39 +159,6 @@ def _loaded_link(
     return robot, Load(robot), qpos, qvel
 
 
-@dataclass(frozen=True, kw_only=True)
-class Accuracy:
-    """Errors against the reference, by coupling and step."""
-
-    paths: dict[str, np.ndarray]
-    """Trajectories at 5 ms by coupling and of the reference (``reference``), shape (T + 1, E, 2)."""
-    rms: dict[str, dict[str, list[float]]]
-    """RMS over runs and time by coupling and step: angle [rad], velocity [rad/s]."""
-    kept: dict[str, float]
-    """See :func:`hysteresis_kept`, by coupling."""
-    reference_error: list[float]
-    """RMS change of the reference when its step is doubled: angle [rad], velocity [rad/s]."""
-
-    def order(self, coupling: Coupling) -> list[float]:
-        """Observed order of convergence over all steps: angle, velocity."""
-        table = self.rms[coupling.value]
-        return convergence_order([float(dt) for dt in table], list(table.values())).tolist()
-
-
-def accuracy(*, seed: int) -> Accuracy:
-    """Compare both couplings with the reference over eight random profiles."""
-    profile = Profile.draw(8, seed)
-    truth = reference(profile, REFERENCE_DT)
-    coarser = reference(profile, 2.0 * REFERENCE_DT)
-    rms: dict[str, dict[str, list[float]]] = {c.value: {} for c in Coupling}
-    paths = {"reference": truth}
-    for coupling in Coupling:
-        for dt in STEPS:
-            path = simulated(profile, coupling, dt)
-            error = path - truth[:: round(dt / REFERENCE_DT)]
-            rms[coupling.value][f"{dt:g}"] = root_mean_square(error, (0, 1)).tolist()
-            if dt == 0.005:
-                paths[coupling.value] = path
-    kept = {coupling.value: hysteresis_kept(coupling) for coupling in Coupling}
-    own = root_mean_square(truth[::2] - coarser, (0, 1)).tolist()
-    return Accuracy(paths=paths, rms=rms, kept=kept, reference_error=own)
+def errors(profile: Profile, truth: np.ndarray, coupling: Coupling, dt: float) -> np.ndarray:
+    """RMS over runs and time of angle [rad] and velocity [rad/s] from a reference at :data:`REFERENCE_DT`, (2,)."""
+    return root_mean_square(simulated(profile, coupling, dt) - truth[:: round(dt / REFERENCE_DT)], (0, 1))

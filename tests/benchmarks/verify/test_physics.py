@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.verify.accuracy import Accuracy, accuracy
+from benchmarks.verify.accuracy import REFERENCE_DT, STEPS, Profile, errors, hysteresis_kept, reference
 from benchmarks.verify.held_joint import (
     BREAKAWAY_LIMITS,
     CREEP_LIMITS,
@@ -15,7 +15,7 @@ from benchmarks.verify.held_joint import (
     stand_on_brakes,
 )
 from benchmarks.verify.passivity import ROUNDING, PassivityRun, dropped_robot, falling_link
-from benchmarks.verify.rigs import yield_torque
+from benchmarks.verify.rigs import convergence_order, root_mean_square, yield_torque
 from mrwarp.actuator import brake_constraint
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import BackendKind
@@ -113,15 +113,17 @@ def test_holding_robot_stands_on_its_brakes(kind):
 
 
 @pytest.fixture(scope="module")
-def compared() -> Accuracy:
-    """Both couplings against the 50 µs reference, four steps, eight random profiles."""
-    return accuracy(seed=5)
+def compared() -> tuple[Profile, np.ndarray, np.ndarray]:
+    """Eight random profiles, their paths at 50 µs, and the constraint's errors by step, shape (steps, 2)."""
+    profile = Profile.draw(8, 5)
+    truth = reference(profile, REFERENCE_DT)
+    return profile, truth, np.array([errors(profile, truth, Coupling.CONSTRAINT, dt) for dt in STEPS])
 
 
 def test_accuracy_constraint_follows_the_reference(compared):
     """At 5 ms the constraint is ten times closer to the reference than explicit torques, in angle and velocity."""
-    at_5_ms = {name: np.array(table["0.005"]) for name, table in compared.rms.items()}
-    assert (10.0 * at_5_ms["constraint"] < at_5_ms["explicit"]).all()
+    profile, truth, constraint = compared
+    assert (10.0 * constraint[STEPS.index(0.005)] < errors(profile, truth, Coupling.EXPLICIT, 0.005)).all()
 
 
 def test_accuracy_constraint_is_first_order(compared):
@@ -129,16 +131,18 @@ def test_accuracy_constraint_is_first_order(compared):
 
     0.2 on the order: stick and slip begin at steps, which scatters single errors.
     """
-    assert compared.order(Coupling.CONSTRAINT) == pytest.approx([1.0, 1.0], abs=0.2)
+    assert convergence_order(STEPS, compared[2]) == pytest.approx([1.0, 1.0], abs=0.2)
 
 
 def test_accuracy_reference_is_a_reference(compared):
     """Its own error is a fifth of the smallest error it judges, and it sticks for a part of the time."""
-    assert (5.0 * np.array(compared.reference_error) < compared.rms["constraint"]["0.001"]).all()
-    assert (compared.paths["reference"][..., 1] == 0.0).mean() > 0.1
+    profile, truth, constraint = compared
+    own = root_mean_square(truth[::2] - reference(profile, 2.0 * REFERENCE_DT), (0, 1))
+    assert (5.0 * own < constraint[-1]).all()
+    assert (truth[..., 1] == 0.0).mean() > 0.1
 
 
-def test_accuracy_chatter_wears_the_hysteresis(compared):
+def test_accuracy_chatter_wears_the_hysteresis():
     """Why explicit torques fail: they make a resting joint chatter, and eq. 15 wears z, the brake's strength, down."""
-    assert compared.kept["constraint"] == pytest.approx(1.0, abs=1e-3)
-    assert compared.kept["explicit"] < 0.8
+    assert hysteresis_kept(Coupling.CONSTRAINT) == pytest.approx(1.0, abs=1e-3)
+    assert hysteresis_kept(Coupling.EXPLICIT) < 0.8
