@@ -10,10 +10,12 @@ import pytest
 from mrwarp.rl import WALK
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("[mp]o*/README.md")])
+PAGES = sorted(
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"), *ROOT.glob("[mp]o*/README.md")]
+)
 ROOMS = "mrwarp|tests|benchmarks|docs|assets|policies|models|train|viz"
 PATH = re.compile(rf"(?<![\w./-])((?:{ROOMS})/[\w./-]*[\w/])(?![\w/]*[*{{])")
-NAME = re.compile(r"\bmrwarp(?:\.[A-Za-z_]\w*)+")
+NAME = re.compile(r"(?<![\w./-])(?:mrwarp|benchmarks|paper)(?:\.[A-Za-z_]\w*)+")
 MADE = {
     "mrwarp/effects/end_stop.py",
     "mrwarp/effects/laws/soft_sign.py",
@@ -117,6 +119,7 @@ def test_wrong_paths_and_names_are_found() -> None:
     ]
     assert exists("mrwarp.params.MrParams.to_dict")
     assert not exists("mrwarp.params.NoSuchThing") and not exists("mrwarp.nowhere")
+    assert NAME.findall("`python -m benchmarks.nowhere`, docs/results/paper.json") == ["benchmarks.nowhere"]
 
 
 def test_the_changelog_begins_with_this_version_in_sixty_lines() -> None:
