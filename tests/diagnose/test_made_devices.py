@@ -94,13 +94,13 @@ def turning_at_once(seed: int) -> Motion:
     )
 
 
-@pytest.mark.parametrize("gap", [1e-3, 4e-3])
-def test_play_is_sized_where_a_joint_turns_round_at_once(gap: float) -> None:
+@pytest.mark.parametrize(("gap", "velocity"), [(1e-3, True), (4e-3, True), (1e-3, False)])
+def test_play_is_sized_where_a_joint_turns_round_at_once(gap: float, velocity: bool) -> None:
     """A brake behind play, by other code at 10 kHz: the interval holds the half-gap, which is within an encoder's step.
 
     A smoother of 25 Hz knows no step's way there by less than 0.5 mrad, and names no play of 1 mrad.
     """
-    case = make_case("none", level=0.0, seed=21, size="small", truth_rate=1e4)
+    case = make_case("none", level=0.0, seed=21, size="small", truth_rate=1e4, velocity=velocity)
     hidden = case.device.with_effects({"backlash": Effect(strength=gap, draws={})})
     recording = replace(case, device=hidden).record(turning_at_once(21), stream=3)
     [cause] = diagnose(recording, effects=("backlash",)).causes
