@@ -162,19 +162,3 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
     error = capsys.readouterr().err
     assert "No space left on device; make room" in error and error.count("\n") == 1
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.slow
-def test_short_walks_go_through_end_to_end(tmp_path: Path) -> None:
-    """Tables 6 and 7 and figures 8 and 9 over one metre: rows, pictures, report; the second run keeps all of it."""
-    argv = ["table6", "table7", "fig8", "fig9", "--out", str(tmp_path), "--distance", "1", "--rollouts", "1"]
-    assert main(["reproduce", *argv]) == 0
-    result = json.loads((tmp_path / "result.json").read_text())
-    rows = result["parts"]["table6"]["rows"]
-    assert [row["calibrated"] for row in rows] == [True] * 4 + [False] * 16
-    assert {part["status"] for part in result["parts"].values()} == {"made"}
-    assert (tmp_path / "fig8" / "torques.png").stat().st_size > 10_000
-    assert (tmp_path / "report.html").read_text().count("data:image/png;base64") == 3
-    assert main(["reproduce", *argv]) == 0
-    result = json.loads((tmp_path / "result.json").read_text())
-    assert {part["status"] for part in result["parts"].values()} == {"kept"}

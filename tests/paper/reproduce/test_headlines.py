@@ -1,9 +1,11 @@
 """The committed figures come out again: a change that moves the science is seen. Walks are shorter here."""
 
+import json
 from pathlib import Path
 
 import pytest
 
+from mrwarp.cli import main
 from paper.reproduce import pages
 from paper.reproduce.cache import Runner
 from paper.reproduce.registry import CATALOGUE
@@ -40,6 +42,14 @@ def test_quick_entries(entry: str, tmp_path: Path) -> None:
 
 
 def test_walks_and_mission(tmp_path: Path) -> None:
-    """A third of the distance, one rollout of each policy."""
-    settings = Settings(distance=10.0, window=5.0, rollouts=1)
-    assert moved(("table6", "table7", "fig10", "fig11"), settings, tmp_path) == []
+    """Two metres of thirty and of ten, one rollout of each policy: rows, pictures, report; again, all of it is kept."""
+    settings, entries = Settings(distance=2.0, window=2.0, rollouts=1), ("table6", "table7", "fig10", "fig11")
+    sizes = ("--distance", "2", "--window", "2", "--rollouts", "1")
+    for status in ("made", "kept"):
+        assert main(["reproduce", *entries, "fig8", "fig9", "--out", str(tmp_path), *sizes]) == 0
+        result = json.loads((tmp_path / "result.json").read_text())
+        assert {part["status"] for part in result["parts"].values()} == {status}
+    assert [row["calibrated"] for row in result["parts"]["table6"]["rows"]] == [True] * 4 + [False] * 16
+    assert (tmp_path / "fig8" / "torques.png").stat().st_size > 10_000
+    assert "data:image/png;base64" in (tmp_path / "report.html").read_text()
+    assert moved(entries, settings, tmp_path) == []
