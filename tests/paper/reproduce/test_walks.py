@@ -336,7 +336,7 @@ def test_the_support_branch_is_walked_with_each_choice(tmp_path: Path, monkeypat
         assert set(cfg.robots) <= set(policies) and cfg.distance == Settings().window
         devices, trials = Devices(), np.arange(cfg.trials)
         if cfg.derate is not None:
-            cfg.derate(devices, cfg.robots)  # type: ignore[arg-type]
+            cfg.derate(devices, cfg.robots)
         given.append({name: float(values[0]) for name, values in devices.items()})
         eps_hold, kp_low = given[-1].get("eps_hold", 0.2), given[-1].get("kp_low", 5.0)
         found = []
