@@ -120,10 +120,11 @@ def choose_law(
     settings = problem.settings.law
     alone, paper, effects = _eq_14(search, base, screened, with_effects, mechanics, laws[_SINGLE], settings.rivals)
     held_out = {"bouc_wen": nrmse(alone)} | {name: nrmse(found) for name, found in laws.items()}
-    best = min(laws, key=lambda name: held_out[name])
-    near = [name for name in laws if held_out[name] < (1.0 + settings.simpler) * held_out[best]]
+    rounded = _next_to_lags(search, laws, screened) if problem.unchanging else laws
+    best = min(rounded, key=lambda name: error(rounded[name]))
+    near = [name for name in laws if error(rounded[name]) < (1.0 + settings.simpler) ** 2 * error(rounded[best])]
     best = min(near, key=lambda name: (laws[name].layout.size, held_out[name]))
-    found = laws[best]
+    found = rounded[best]
     found = min(
         found, _next_to(search, found, paper, [name for name in effects if name not in base.effects]), key=error
     )
@@ -149,6 +150,20 @@ def choose_law(
     log(f"the hysteresis has another shape: {choice.title}")
     layout = problem.parameters([name for name in found.layout.effects if name not in mechanics])
     return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
+
+
+def _next_to_lags(
+    search: LawSearch, laws: Mapping[str, Solution], screened: Sequence[Candidate]
+) -> dict[str, Solution]:
+    """The laws, each with the lag that helps it most, where one does: a lag rounds corners as a softer law would."""
+    found, lags = dict(laws), [c for c in screened if KNOWN[c.effect].rounds_corners]
+    for name, law in laws.items():
+        for lag in lags:
+            layout = replace(search.layout([*law.layout.effects, lag.effect]), choices=lag.choices)
+            x = law.layout.moved(law.x, layout)
+            x[layout.own(lag.effect)] = lag.values
+            found[name] = min(found[name], search.descend(layout, x), key=lambda s: float(s.held_out.sum()))
+    return found
 
 
 def _next_to(search: LawSearch, found: Solution, paper: Solution, effects: Sequence[str]) -> Solution:

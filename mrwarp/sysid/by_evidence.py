@@ -121,6 +121,7 @@ class _Search(Generic[Model, Cause]):
         self.groups = range(int(self.compared.signals(plant.base).group.max(initial=-1)) + 1)
         self.steps: list[list[tuple[str, float]]] = []
         self.out: set[Cause] = set()
+        self.proven: set[Cause] | None = None
         self._judged: dict[tuple[Model, Cause], tuple[float, bool]] = {}
 
     def score(self, model: Model, active: Active) -> float:
@@ -163,8 +164,9 @@ class _Search(Generic[Model, Cause]):
         """Log odds of a cause without any nameless structure, and whether it may be a part of such structure.
 
         It may where it adds nothing to the structure that suits the model without it, takes less than half of what that
-        takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. The
-        variances are learned without the cause: it may not have shaped what it is judged by.
+        takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. What a
+        cause that was not proven before adds to such structure is no proof. The variances are learned without the
+        cause: it may not have shaped what it is judged by.
         """
         if (key := (self.model, cause)) not in self._judged:
             self._judged[key] = self._judge(cause)
@@ -179,7 +181,9 @@ class _Search(Generic[Model, Cause]):
         odds, adds = alone - nothing, min(alone - nothing, both - nameless)
         left = [float(self.compared.signals(x).grams[:, -1, -1].sum()) for x in (without, self.model)]
         half, enters = self.gain.half, self.odds.enters
-        return odds, adds < enters and odds < max(enters, half * (nameless - nothing)) and left[1] > half * left[0]
+        adds_enough = adds >= enters and (self.proven is None or cause in self.proven)
+        part = not adds_enough and odds < max(enters, half * (nameless - nothing))
+        return odds, part and left[1] > half * left[0]
 
     def with_nameless(self, model: Model) -> float:
         """Score of a model with the nameless groups that it needs."""
@@ -225,7 +229,7 @@ def searched_by_evidence(
     """The causes and the nameless structure of a plant, and what would do as well, from a model with some causes."""
     search, suspects = _Search(plant, odds, gain), dict[Cause, Model]()
     if begin is not None and begin is not plant.base:
-        search.model = begin
+        search.model, search.proven = begin, set(plant.causes(begin))
         search.compared.about(begin)
     while True:
         before = search.model
