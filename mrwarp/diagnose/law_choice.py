@@ -125,9 +125,7 @@ def choose_law(
     near = [name for name in laws if error(rounded[name]) < (1.0 + settings.simpler) ** 2 * error(rounded[best])]
     best = min(near, key=lambda name: (laws[name].layout.size, held_out[name]))
     found = rounded[best]
-    found = min(
-        found, _next_to(search, found, paper, [name for name in effects if name not in base.effects]), key=error
-    )
+    found = min(found, _next_to(search, found, paper, [e for e in effects if e not in base.effects]), key=error)
     taken = _clear(settings, paper, found)
     if not taken and error(found) < error(paper):  # what stands before the shaft bends the loop of either most
         taken = _clear(settings, _behind(search, paper), _behind(search, found))
