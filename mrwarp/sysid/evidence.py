@@ -5,11 +5,11 @@ In unit of chance ``t`` (a run, a window) the mismatch is
     r_t = J_t d + F_t (w + o_t) + e_t
 
 with the changes ``d`` of a model's numbers (unit-information prior, of which only the half that is possible counts
-where a number has a sign), the sizes ``w`` of nameless smooth functions
-(normal, one variance for each group: automatic relevance), what these have of their own in each unit, ``o_t`` (normal,
-one variance for each group: a wrong law errs in each run in its own way), and noise ``e_t`` of a variance of its own in
-each unit. All but the variances is integrated out in closed form; these are the likeliest (empirical Bayes; Kennedy and
-O'Hagan 2001 for the discrepancy, MacKay 1992 for the updates).
+where a number has a sign), the sizes ``w`` of nameless smooth functions (normal, one variance for each group: automatic
+relevance), what these have of their own in each unit, ``o_t`` (normal, one variance for each group: a wrong law errs in
+each run in its own way), and noise ``e_t`` of a variance of its own in each unit. All but the variances is integrated
+out in closed form; these are the likeliest (empirical Bayes; Kennedy and O'Hagan 2001 for the discrepancy, MacKay 1992
+for the updates).
 """
 
 from __future__ import annotations

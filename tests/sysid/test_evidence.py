@@ -189,6 +189,18 @@ def test_a_cause_that_structure_without_a_name_explains_as_well_is_a_suspect() -
         assert set(there.odds) == {"a"} and not there.suspects
 
 
+def test_what_only_the_evidence_lets_in_has_to_take_half_of_what_has_no_name() -> None:
+    """A small cause next to a large nameless one stays where it was proven before, and is a suspect where it was not."""
+    for seed in range(4):
+        plant = lines(seed, {"a": 1.0, "b": 0.2}, nameless=1.0)
+        del plant.rows["c"]
+        plant.functions = plant.functions[:1]
+        proven = searched_by_evidence(plant, Odds(), Gain(), begin=Line(("a", "b")))
+        unproven = searched_by_evidence(plant, Odds(), Gain(), begin=Line(("a",)))
+        assert set(proven.odds) == {"a", "b"} and not proven.suspects
+        assert set(unproven.odds) == {"a"} and set(unproven.suspects) == {"b"}
+
+
 def test_a_size_that_would_show_is_found() -> None:
     """A cause of that size, put into recordings of noise, is named in most; one of half the size in few."""
     quiet = lines(7, {})
