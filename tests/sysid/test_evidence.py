@@ -190,7 +190,7 @@ def test_a_cause_that_structure_without_a_name_explains_as_well_is_a_suspect() -
 
 
 def test_what_only_the_evidence_lets_in_has_to_take_half_of_what_has_no_name() -> None:
-    """A small cause next to a large nameless one stays where it was proven before, and is a suspect where it was not."""
+    """A small cause next to a large nameless one stays where it was proven before; else it is a suspect."""
     for seed in range(4):
         plant = lines(seed, {"a": 1.0, "b": 0.2}, nameless=1.0)
         del plant.rows["c"]
