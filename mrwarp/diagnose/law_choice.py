@@ -108,9 +108,6 @@ def choose_law(
     def nrmse(found: Solution) -> float:
         return float(np.sqrt(found.held_out.sum() / count)) / spread
 
-    def error(found: Solution) -> float:
-        return float(found.held_out.sum())
-
     laws = {
         name: law_search(
             small, q_zero, name, offsets=True, effects=[*with_effects, *mechanics], threads=threads, limit=limit
@@ -121,15 +118,15 @@ def choose_law(
     alone, paper, effects = _eq_14(search, base, screened, with_effects, mechanics, laws[_SINGLE], settings.rivals)
     held_out = {"bouc_wen": nrmse(alone)} | {name: nrmse(found) for name, found in laws.items()}
     rounded = _next_to_lags(search, laws, screened) if problem.unchanging else laws
-    best = min(rounded, key=lambda name: error(rounded[name]))
-    near = [name for name in laws if error(rounded[name]) < (1.0 + settings.simpler) ** 2 * error(rounded[best])]
+    best = min(rounded, key=lambda name: _error(rounded[name]))
+    near = [name for name in laws if _error(rounded[name]) < (1.0 + settings.simpler) ** 2 * _error(rounded[best])]
     best = min(near, key=lambda name: (laws[name].layout.size, held_out[name]))
     found = rounded[best]
-    found = min(found, _next_to(search, found, paper, [e for e in effects if e not in base.effects]), key=error)
+    found = min(found, _next_to(search, found, paper, [e for e in effects if e not in base.effects]), key=_error)
     taken = _clear(settings, paper, found)
-    if not taken and error(found) < error(paper):  # what stands before the shaft bends the loop of either most
+    if not taken and _error(found) < _error(paper):  # what stands before the shaft bends the loop of either most
         taken = _clear(settings, _behind(search, paper), _behind(search, found))
-    fewer = len(slots_of(best)) < len(SHAPE) and error(found) < (1.0 + settings.simpler) ** 2 * error(paper)
+    fewer = len(slots_of(best)) < len(SHAPE) and _error(found) < (1.0 + settings.simpler) ** 2 * _error(paper)
     simpler = not taken and problem.unchanging and fewer
     found = laws[best]
     choice = LawChoice(
@@ -150,6 +147,11 @@ def choose_law(
     return choice, problem, fit_model(problem, layout, found.layout.moved(found.x, layout), tolerance=1e-4)
 
 
+def _error(found: Solution) -> float:
+    """Squared error of a solution on trajectories left out."""
+    return float(found.held_out.sum())
+
+
 def _next_to_lags(
     search: LawSearch, laws: Mapping[str, Solution], screened: Sequence[Candidate]
 ) -> dict[str, Solution]:
@@ -160,7 +162,7 @@ def _next_to_lags(
             layout = replace(search.layout([*law.layout.effects, lag.effect]), choices=lag.choices)
             x = law.layout.moved(law.x, layout)
             x[layout.own(lag.effect)] = lag.values
-            found[name] = min(found[name], search.descend(layout, x), key=lambda s: float(s.held_out.sum()))
+            found[name] = min(found[name], search.descend(layout, x), key=_error)
     return found
 
 
@@ -236,13 +238,13 @@ def _eq_14(
         for x in starts:
             if candidate and len(own := layout.own(candidate.effect)) == len(candidate.values):
                 x[own] = candidate.values
-        return min((search.descend(layout, x) for x in starts), key=lambda s: float(s.held_out.sum()))
+        return min((search.descend(layout, x) for x in starts), key=_error)
 
     found = []
     for candidate in (None, *[c for c in screened if c.effect not in mechanics][:rivals]):
         solution = descend([*with_effects, *mechanics, *([candidate.effect] if candidate else [])], candidate)
         found.append((solution, tuple(e for e in solution.layout.effects if e not in base.effects)))
-    return descend(mechanics), *min(found, key=lambda item: float(item[0].held_out.sum()))
+    return descend(mechanics), *min(found, key=lambda item: _error(item[0]))
 
 
 def _behind(search: LawSearch, found: Solution) -> Solution:
@@ -257,7 +259,7 @@ def _behind(search: LawSearch, found: Solution) -> Solution:
         assert starts is not None
         trials = [np.where(np.arange(len(x)) == own, np.log(v), x) for v in starts(layout.ranges)]
         start = min(trials, key=lambda trial: search.evaluate(layout, trial).loss)
-        best = min(best, search.descend(layout, start), key=lambda s: float(s.held_out.sum()))
+        best = min(best, search.descend(layout, start), key=_error)
     return best
 
 
