@@ -63,3 +63,11 @@ def test_two_causes_are_not_taken_for_others(family: str) -> None:
     """Two effects, or one next to uncatalogued structure: every named effect was hidden."""
     found = cases(Plan(family=family, level=0.8, seed=7, size="small"), 2)
     assert not misled(found) and hits(found, ("right", "ambiguous", "other")) >= len(found) - 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("index", "named"), [(2, "gravity"), (3, "torque_sensor_lag")])
+def test_a_joint_without_a_device_has_its_weight_and_its_lag(index: int, named: str) -> None:
+    """An arm in swings of half a radian, whose weight C takes up; a geared motor, whose lag looks like a softer law."""
+    case = run_case(Plan(family="mechanics", level=0.1, seed=45), index)
+    assert case["outcome"] == "right" and {"rotor_inertia", named} <= {cause["name"] for cause in case["causes"]}
