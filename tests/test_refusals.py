@@ -1,10 +1,9 @@
 """Bad input to any command: exit code 2, one line that names place, value and remedy, nothing written."""
 
-import math
 import runpy
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,13 +12,15 @@ import pytest
 from tyro.conf import Positional
 
 from mrwarp import cli
-from mrwarp.env.cfg import TaskCfg
+from mrwarp.model_file import save_model
 from mrwarp.options.command_line import CommandLine, OptionError, parse
 from mrwarp.options.option_types import one, some
 from mrwarp.recording.load import Holding
-from mrwarp.trials.impact import ImpactCfg, Variant
+from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.usd.open_stage import ASSETS
 from tests.messages import has_parts
+from tests.models import paper_model
+from tests.robot_logs.arm_log import arm_log
 
 
 def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -39,6 +40,8 @@ def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 SEEDED: dict[str, list[str]] = {
     "fit": ["data.csv"],
     "learn": ["data.csv", "--out", "out"],
+    "mission": ["--out", "out"],
+    "walk": ["--out", "out"],
     "bench": ["--out", "out"],
     "impact": ["--out", "out"],
     "diagnose": ["data.csv"],
@@ -70,14 +73,20 @@ def test_a_moving_average_out_of_range(command: str, length: str, capsys: pytest
     assert "allowed: 0 to 60 s" in line or "is not a number" in line
 
 
+def _motion(path: Path) -> Path:
+    """A recording that can be read; a torque that is mostly noise."""
+    rng, t = np.random.default_rng(3), np.arange(200) * 0.005
+    rows = [f"{x:.3f},{np.sin(9 * x):.6f},{9 * np.cos(9 * x):.6f},1.0,{np.cos(9 * x) + rng.normal():.6f}" for x in t]
+    path.write_text("t,q,qd,current,torque\n" + "\n".join(rows) + "\n")
+    return path
+
+
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
     """A folder with a short recording of known motion and, next to it, break-away tests."""
-    rng, t = np.random.default_rng(3), np.arange(200) * 0.005
-    rows = [f"{x:.3f},{np.sin(9 * x):.6f},{9 * np.cos(9 * x):.6f},1.0,{np.cos(9 * x) + rng.normal():.6f}" for x in t]
     for name in ("data", "feet"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "run.csv").write_text("t,q,qd,current,torque\n" + "\n".join(rows) + "\n")
+        _motion(tmp_path / name / "run.csv")
     (tmp_path / "feet/units.json").write_text('{"q": "m", "qd": "m/s", "torque": "N"}')
     (tmp_path / "few.csv").write_text("current,torque\n0.5,10\n1.0,20\n")
     (tmp_path / "five.csv").write_text("current,torque\n0.5,10\n1.0,20\n1.5,25\n0.7,15\n1.2,22\n")
@@ -204,6 +213,25 @@ def test_an_error_stands_on_a_line_of_its_own_below_the_progress(
 
 
 OUT_OF_RANGE: dict[str, list[tuple[list[str], str]]] = {
+    **{
+        name: [
+            (["--current", "nan"], "nan .. allowed"),
+            (["--current", "500"], "500 .. allowed"),
+            (["--speed", "1e9"], "1e9 .. allowed"),
+            (["--distance", "1e12"], "1e12 .. allowed"),
+        ]
+        for name in ("walk", "mission")
+    },
+    "reproduce": [
+        (["table6", "--out", "x", "--distance", "0"], "--distance: 0 must be a positive number"),
+        (["table6", "--out", "x", "--distance", "nan"], "--distance: nan must be a positive number"),
+        (["table6", "--out", "x", "--distance", "inf"], "--distance: inf must be a positive number"),
+        (["table6", "--out", "x", "--rollouts", "0"], "--rollouts: 0 must be at least 1"),
+        (["table4", "--out", "x", "--impacts", "1.5"], "--impacts: '1.5' is not a whole number"),
+        (["table4", "--out", "x", "--threads", "-1"], "--threads: -1 must be at least 0"),
+        (["fig10", "--out", "x", "--window", "nan"], "--window: nan must be a positive number"),
+        (["fig10", "--out", "x", "--window", "inf"], "--window: inf must be a positive number"),
+    ],
     "impact": [
         (["--current", "nan"], "nan .. 0 to 100 A"),
         (["--current", "0", "-1"], "-1 .. 0 to 100 A"),
@@ -266,21 +294,6 @@ def test_more_current_than_the_coils_take(args: list[str], tmp_path: Path, capsy
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("current", [-1.0, float("nan"), float("inf")])
-def test_currents_of_a_task_are_numbers(current: float) -> None:
-    """Wherever in the list they stand: the least of numbers and NaN is either."""
-    for currents in ((0.5, current), (current, 0.5)):
-        with pytest.raises(ValueError, match="finite.* 0 A"):
-            replace(TaskCfg(), currents=currents)
-        with pytest.raises(ValueError, match="finite.* 0"):
-            ImpactCfg(variants=tuple(Variant(current=x) for x in currents))
-    for wrong in ({"speed": math.nan}, {"force": (0.0, math.inf, 0.0)}):
-        with pytest.raises(ValueError, match="must be finite"):
-            ImpactCfg(**wrong)
-    with pytest.raises(ValueError, match="trials = 0.* 1"):
-        ImpactCfg(trials=0)
-
-
 MESSAGES = {
     "walk --numbers no.json": "{tmp}/no.json .. numbers.json",
     "walk --numbers {tmp}": "{tmp} .. numbers.json",
@@ -331,18 +344,72 @@ MESSAGES = {
     "sweep --out out --command train --grid actuator=magic": "magic",
     "sweep --out out --command train --grid seed": "seed",
     "reproduce docs --results {tmp}": "result.json",
+    "reproduce --out x": "PART",
+    "reproduce table99 --out x": "invalid choice: 'table99'",
+    "study collect --out x --threads 2": "unrecognized arguments: --threads 2",
+    "walk --model emp": "emp: .. did you mean emps?",
+    "learn . --out o --bouc-wen emp": "emp: .. did you mean emps?",
+    "device show emp": "there is no device 'emp'; did you mean 'emps'?",
+    "walk --model emps": "its model is in m, A, N, the simulator's joints are in rad, A, N·m",
+    "mission --model {model} --feedback": "--feedback: how .. warm up is not known: coil resistance; heat capacity",
+    "train --model {model} --power-price 0.002": "--power-price 0.002: the coil resistance of FL_calf, FR_calf",
+    "train --model {model} --actuator mlp": "models/mlp.safetensors: this mlp network {learned}",
+    "train --model {model} --actuator pg_rlstm": "models/pg_rlstm.safetensors: this pg_rlstm network {learned}",
+    "train --reward tlt=1": "reward 'tlt' is unknown; choose from track_velocity",
+    "train --reward tilt": "give a term and its",
+    "walk --robot beast": "beast",
+    "walk --robot {usd}": "--policy",
+    "walk --calibrate --speed 0.4": "--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg",
+    "walk --calibrate --sal on": "--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg",
+    "walk --calibrate --payload 0": "--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg",
+    "play --agent sine": "--agent sine",
+    "monitor {tmp}": "holds no record",
+    "asset apply {usd} no.json": "no.json: no such file",
+    "asset export {usd} FL_hip --out o.json": "/mr_go/actuators/FL_hip is a plain motor",
+    "fit {data} --skip-bad --predict list.json": "list.json",
+    "learn {data} --out o --bouc-wen list.json": "list.json .. [1, 2] .. object",
+    "diagnose list.json": "list.json",
+    "diagnose {data} --model list.json": "list.json .. [1, 2] .. object",
+    "diagnose {data} --model no.json": "no.json .. no such",
+    "diagnose {data} --quick --impact": "--impact: needs a verdict",
+    "diagnose {data} --quick --learn": "--learn: needs a verdict",
+    "diagnose {data} --quick --predict {data}": "--predict: needs a verdict",
+    "diagnose joint {data} --without coil_lagg": "--without coil_lagg: no such effect; did you mean 'coil_lag'",
+    "diagnose joint {data} --keep coil_lag --without coil_lag": "--keep coil_lag: --without coil_lag",
+    "diagnose {log} --rrd a.txt": ".rrd",
+    "diagnose {log} --rrd a.rrd --quick": "--rrd: needs a verdict",
+    "diagnose {log} --device cuda:99": "cuda:99: no such device here",
+    "diagnose {log} --policy {policy}": "hangs or stands fixed",
+    "diagnose {log} --policy no.onnx": "no such policy",
+    "diagnose {log} --robot no.xml": "no.xml .. name its file",
 }
 """Parts of the message of each command: place, value and remedy."""
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path | str]:
+    """Good files: a recording, the log of an arm, and the model of a device of which nobody stated the coil."""
+    folder = tmp_path_factory.mktemp("made")
+    data, log = _motion(folder / "run.csv"), arm_log(folder / "log", seconds=1.0)
+    model = save_model(paper_model(K1=7.0), folder / "model.json")
+    learned = "learned another device than the joint's (K1 10.41 .. mrwarp learn DATA --bouc-wen MODEL.json"
+    files = {"data": data, "log": log, "model": model, "usd": ASSETS / "mr_go.usda", "policy": DEFAULT_POLICY}
+    return {**files, "learned": learned}
+
+
 @pytest.mark.parametrize(("command", "message"), MESSAGES.items(), ids=list(MESSAGES))
 def test_a_refusal_says_what_is_wrong_and_what_to_do(
-    command: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    message: str,
+    made: dict[str, Path | str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Files that are not there or something else, and names and values that are none."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "list.json").write_text("[1, 2]")
-    names = {"tmp": tmp_path, "usd": ASSETS / "mr_go.usda"}
+    names = {**made, "tmp": tmp_path}
     line = refused([word.format(**names) for word in command.split()], capsys)
     assert has_parts(line, message.format(**names).removeprefix(f"{tmp_path}/"))
     assert "Errno" not in line

@@ -245,15 +245,3 @@ def test_a_law_in_place_of_another_is_told(tmp_path: Path, capsys: pytest.Captur
     capsys.readouterr()
     assert main(["asset", "apply", str(robot), str(saved(replace(plain, effects=(dahl,)), tmp_path))]) == 0
     assert "newton:mr:law: kwok -> dahl" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("kind", ["mlp", "pg_rlstm"])
-def test_a_network_of_another_device_is_refused(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The shipped networks learned the paper's device: no training puts them onto one's own; nothing is written."""
-    other = replace(device(), effects=())
-    out = tmp_path / "out"
-    options = ["--model", str(saved(other, tmp_path)), "--actuator", kind, "--num-envs", "1", "--out", str(out)]
-    assert main(["train", *options]) == 2
-    line = capsys.readouterr().err
-    assert f"models/{kind}.safetensors: this {kind} network learned another device than the joint's (K1 10.41" in line
-    assert "mrwarp learn DATA --bouc-wen MODEL.json" in line and not out.exists()

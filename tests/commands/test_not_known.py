@@ -97,15 +97,6 @@ def test_coils_of_unknown_resistance_take_nobody_knows_what() -> None:
     np.testing.assert_allclose(loss.numpy(), [[0.0, 7.5], [np.nan, 19.2]], rtol=1e-6)
 
 
-def test_missions_of_devices_that_warm_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Refused where nobody knows how they do, with what is missing."""
-    path = save_model(brake(), tmp_path / "model.json")
-    assert main(["mission", "--model", str(path), "--feedback", "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert "--feedback: how the devices of --model warm up is not known: coil resistance; heat capacity (--set" in said
-    assert not (tmp_path / "out").exists()
-
-
 def test_heat_capacity_follows_from_the_mass() -> None:
     """Taken as steel; what is given wins; the paper's device keeps what is assumed for it."""
     paper, heat = [a for a in load_robot().actuators if a.mr], ThermalCfg()
@@ -115,12 +106,3 @@ def test_heat_capacity_follows_from_the_mass() -> None:
     assert found.fluid_capacity == pytest.approx(460.0 * 1.2) and [name[:15] for name in missing] == ["heat resistance"]
     given = replace(heat, fluid_capacity=500.0, fluid_resistance=2.0)
     assert heat_of_devices(devices, given) == (given, ())
-
-
-def test_a_price_of_power_needs_the_resistance(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The policy would take the coils for free."""
-    path, out = save_model(brake(), tmp_path / "model.json"), tmp_path / "out"
-    line = ["train", "--model", str(path), "--power-price", "0.002", "--num-envs", "1", "--out", str(out)]
-    assert main(line) == 2
-    assert "--power-price 0.002: the coil resistance of FL_calf, FR_calf" in capsys.readouterr().err
-    assert not out.exists()

@@ -191,16 +191,6 @@ def test_short_training_from_end_to_end(
     assert (out / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_weights_of_reward_terms_are_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They reach task and record; a term that is not there, or no number, is refused before anything is made."""
-    for word, said in {
-        "tlt=1": "reward 'tlt' is unknown; choose from track_velocity",
-        "tilt": "give a term and its",
-    }.items():
-        assert main(["train", "--reward", word, "--out", str(tmp_path / "run")]) == 2
-        assert said in capsys.readouterr().err and not (tmp_path / "run" / "checkpoint.pt").exists()
-
-
 @pytest.mark.slow
 def test_ctrl_c_exits_130_with_a_checkpoint_to_resume(tmp_path: Path) -> None:
     """SIGINT in the middle of a long run: exit code 130, no traceback, and ``--resume`` goes on from there."""

@@ -1,7 +1,6 @@
 """The library of identified devices: whole, resolvable by name wherever a model is, and the page agrees with it."""
 
 import json
-import re
 import shutil
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from mrwarp.devices.device_page import EQUATIONS, PAGE, PICTURES, ROOT, pages_of
 from mrwarp.devices.entry import library, lines, load_device, numbers
 from mrwarp.devices.make_entry import PAPER, make_device
 from mrwarp.devices.number_picture import HOLDING, LOOP, around, loop
-from mrwarp.model_file import ModelFileError, load_model
+from mrwarp.model_file import load_model
 from mrwarp.options.json_file import JsonFileError
 from mrwarp.params import MrParams
 from mrwarp.recording.load import RecordingError, load_recording
@@ -87,24 +86,6 @@ def test_a_name_stands_for_its_file_and_a_file_goes_first(tmp_path: Path, monkey
     assert model_path("emps") == DEVICES / "emps" / "model.json" and load_model("emps").units["torque"] == "N"
     shutil.copy(DEVICES / PAPER / "model.json", tmp_path / "mr_utfsm")
     assert load_model("mr_utfsm").units["torque"] == "N·m"
-
-
-def test_an_unknown_name_is_refused_with_the_nearest(capsys: pytest.CaptureFixture) -> None:
-    """In one line, in Python and by each command."""
-    with pytest.raises(ModelFileError, match="did you mean emps"):
-        load_model("emp")
-    for words in (["walk", "--model", "emp"], ["learn", ".", "--out", "o", "--bouc-wen", "emp"]):
-        assert main(words) == 2
-        assert re.search(r"^mrwarp \w+: emp: .*did you mean emps\?.*\n$", capsys.readouterr().err)
-    assert main(["device", "show", "emp"]) == 2
-    assert "there is no device 'emp'; did you mean 'emps'?" in capsys.readouterr().err
-
-
-def test_a_device_in_other_units_is_refused_by_its_units(capsys: pytest.CaptureFixture) -> None:
-    """Not by the first effect whose number has one of them."""
-    assert main(["walk", "--model", "emps", "--out", "never"]) == 2
-    assert "its model is in m, A, N, the simulator's joints are in rad, A, N·m" in capsys.readouterr().err
-    assert not Path("never").exists()
 
 
 def test_list_and_show_print_every_device(capsys: pytest.CaptureFixture) -> None:

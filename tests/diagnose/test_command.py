@@ -103,7 +103,7 @@ def test_the_extended_model_is_a_known_model(answer: Path, tmp_path: Path) -> No
 def test_a_cause_that_is_not_looked_for_or_kept_is_not_answered(
     answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """``--without`` and ``--keep`` take the true cause out of the first answer; other names are refused.
+    """``--without`` and ``--keep`` take the true cause out of the first answer; one that needs more is refused.
 
     ``test_first_answer`` shows that it is there by default.
     """
@@ -113,12 +113,8 @@ def test_a_cause_that_is_not_looked_for_or_kept_is_not_answered(
         suspects = json.loads((out / "result.json").read_text())["suspects"]
         assert "coil_lag" not in [suspect["name"] for suspect in suspects]
     capsys.readouterr()
-    wrong = ["diagnose", "joint", str(data), "--without", "coil_lagg", "--out", str(tmp_path / "x")]
-    assert cli.main(wrong) == 2
-    assert "--without coil_lagg: no such effect; did you mean 'coil_lag'" in capsys.readouterr().err
-    assert cli.main([*wrong[:3], "--keep", "coil_lag", "--without", "coil_lag", "--out", str(tmp_path / "x")]) == 2
-    assert "--keep coil_lag: --without coil_lag" in capsys.readouterr().err
-    assert cli.main([*wrong[:3], "--keep", "wear", "current_gain", "--out", str(tmp_path / "x")]) == 2
+    wrong = ["--keep", "wear", "current_gain", "--out", str(tmp_path / "x")]
+    assert cli.main(["diagnose", "joint", str(data), *wrong]) == 2
     assert "--keep current_gain" in capsys.readouterr().err and not (tmp_path / "x" / "result.json").exists()
 
 

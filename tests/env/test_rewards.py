@@ -147,17 +147,13 @@ def weights(cfg: RewardCfg) -> dict[str, float]:
 
 
 def test_every_term_says_what_it_is_and_has_a_formula_here() -> None:
-    """Listed terms and this file's formulas are the same; a weight of no term, or no number, is refused."""
+    """Listed terms and this file's formulas are the same."""
     assert list(rewards.TERMS) == list(rewards.flat(RewardCfg()))[: len(rewards.TERMS)] and set(rewards.TERMS) == set(
         FORMULAS
     )
     assert all(term.says for term in rewards.TERMS.values())
     cfg = RewardCfg().weighing(tilt=-100.0).weighing(height=-1.0)
     assert tuple(rewards.weight(cfg, name) for name in ("tilt", "height", "bounce")) == (-100.0, -1.0, -1.0)
-    with pytest.raises(ValueError, match="reward 'tlt' is unknown; choose from track_velocity, .*power"):
-        rewards.check(RewardCfg(weights={"tlt": 1.0}))
-    with pytest.raises(ValueError, match="reward tilt = nan must be finite"):
-        RewardCfg(weights={"tilt": float("nan")})
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -232,15 +232,3 @@ def test_both_engines_let_a_robot_stand_on_steps() -> None:
         assert env.nan_guard.warnings().overflow == 0
         heights.append(env.height.clone())
     torch.testing.assert_close(heights[0], heights[1], rtol=0.0, atol=5e-3)
-
-
-def test_terrain_refuses_what_does_not_fit() -> None:
-    """One line that names value and remedy."""
-    with pytest.raises(ValueError, match=r"levels = 1 must be at least 2"):
-        TerrainCfg(levels=1)
-    with pytest.raises(ValueError, match=r"cell = 0\.5 m must be positive and at most a quarter"):
-        TerrainCfg(cell=0.5)
-    with pytest.raises(ValueError, match=r"tile = 2\.0 m must be at least four times platform"):
-        TerrainCfg(tile=2.0)
-    with pytest.raises(ValueError, match=r"terrain = 'hilly' is unknown; choose from flat, rough"):
-        TaskCfg(terrain="hilly")

@@ -215,17 +215,6 @@ def test_command_writes_model_figures_and_pictures(tmp_path: Path, capsys: pytes
     assert params.coil.coil_resistance == 30.0 and "not known of the device: mass; what hangs on it" in said
 
 
-def test_command_refuses_bad_data_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A recording with NaN ends with code 2, one line that names the file, and no output folder."""
-    run = synthetic.bench_like(14, runs=1, seconds=1.0).trajectories[0]
-    run.torque[7] = np.nan
-    write_csv(tmp_path / "data", (run,))
-    assert main(["fit", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err.strip()
-    assert error.startswith("mrwarp fit: ") and "\n" not in error and "run0.csv" in error
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(("inertia", "weight"), [(0.03, 0.0), (0.02, 2.0)])
 def test_a_large_error_names_the_bodies_that_explain_it(inertia: float, weight: float) -> None:
     """An inertia and a weight next to eq. 14 come back within 2 %; without them no such warning is there."""

@@ -135,17 +135,6 @@ def test_learn_command_writes_model_curves_and_result(tmp_path: Path, capsys: py
     assert "bouc_wen" in capsys.readouterr().out
 
 
-def test_learn_command_refuses_bad_input_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """No data and a broken model.json: exit code 2, one line, no output folder."""
-    data, broken = tmp_path / "data", tmp_path / "broken.json"
-    save_recording(make_recording(3, seed=9), data / "fit.csv")
-    broken.write_text("{")
-    for arguments in ([str(tmp_path / "none")], [str(data), "--bouc-wen", str(broken)]):
-        assert main(["learn", *arguments, "--out", str(tmp_path / "out")]) == 2
-        assert capsys.readouterr().err.startswith("mrwarp learn: ")
-    assert not (tmp_path / "out").exists()
-
-
 def test_residual_on_another_physical_model() -> None:
     """With a baseline of its own the residual is learned, to a twentieth, and predicted on it; it is needed again."""
     recording, evaluation = make_recording(6, seed=10), make_recording(2, seed=11, current=1.0)

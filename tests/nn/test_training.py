@@ -91,8 +91,4 @@ def test_training_refuses_empty_sets_and_nonsense() -> None:
     short = WindowSet([np.zeros((20, 3))], [np.zeros(20)], 50)
     with pytest.raises(ValueError, match="validation set is as long as a window of 50"):
         fit(make_net("lstm"), train, short, FitCfg(epochs=1))
-    with pytest.raises(ValueError, match="epochs = 0"):
-        FitCfg(epochs=0)
-    with pytest.raises(ValueError, match="no learned model 'gru'"):
-        make_net("gru")
     assert len(validation) > 0

@@ -151,16 +151,13 @@ CHANGES: dict[str, tuple[Callable[[TrainCfg], TrainCfg], str]] = {
 
 
 def test_networks_learn_as_fast_as_asked(tmp_path: Path) -> None:
-    """Step and exploration reach the algorithm; checkpoint and result record them; values without sense are refused."""
+    """Step and exploration reach the algorithm; checkpoint and result record them."""
     run = Trainer(replace(make_cfg(tmp_path, 1), ppo=PpoCfg(desired_kl=0.01, entropy=0.0005)))
     assert (run.algorithm.desired_kl, run.algorithm.entropy_coef) == (0.01, 0.0005)
     asked = {"desired_kl": 0.01, "entropy": 0.0005, "symmetry": True}
     assert run.run()["learning"] == checkpoint.load(tmp_path / "checkpoint.pt")["learning"] == asked
     assert plain(ppo_of({"learning": asked})) == asked
     assert plain(ppo_of({})) == {"desired_kl": 0.04, "entropy": 0.003, "symmetry": False}  # of earlier versions
-    for wrong in ({"desired_kl": 0.0}, {"desired_kl": math.inf}, {"entropy": -0.1}, {"entropy": math.nan}):
-        with pytest.raises(ValueError, match=next(iter(wrong))):
-            PpoCfg(**wrong)
 
 
 @pytest.fixture(scope="module")

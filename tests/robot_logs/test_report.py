@@ -112,19 +112,6 @@ def test_both_robots_stand_side_by_side_in_rerun(written: Written) -> None:
     assert colors["/logged/lower/link"] == colors["/simulated/lower/link"] == [0xEB7E1EFF]
 
 
-def test_views_and_devices_are_for_robots_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A joint has no robot to show; a name must end as rerun's files do; a GPU must be there."""
-    joint, out = tmp_path / "joint.csv", ["--out", str(tmp_path / "o")]
-    joint.write_text("t,q,qd,current,torque\n")
-    assert main(["diagnose", str(joint), "--rrd", str(tmp_path / "a.rrd"), *out]) == 2
-    assert "no robot's log; leave it out" in capsys.readouterr().err
-    log = arm_log(tmp_path / "log", seconds=1.0)
-    assert main(["diagnose", str(log), "--rrd", str(tmp_path / "a.txt"), "--out", str(tmp_path / "o")]) == 2
-    assert ".rrd" in capsys.readouterr().err and not (tmp_path / "o").exists()
-    assert main(["diagnose", str(log), "--device", "cuda:99", *out]) == 2
-    assert "cuda:99: no such device here" in capsys.readouterr().err and not (tmp_path / "o").exists()
-
-
 def test_the_first_answer_of_a_log(written: Written, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     """``--quick`` ends with it: the fault that stands out, its place and size; no robot, and the robot's file stays."""
     log, out = written.folder / "log", tmp_path / "out"
@@ -142,9 +129,6 @@ def test_the_first_answer_of_a_log(written: Written, tmp_path: Path, capsys: pyt
     assert best["parameters"]["mass"]["value"] == pytest.approx(0.15, rel=1 / 3)
     text = capsys.readouterr().out
     assert "likely: lower: " in text and "; checking" in text and "result.json (not final)" in text
-    line = ["diagnose", str(log), "--robot", str(robot), "--rrd", str(tmp_path / "a.rrd"), "--out", str(out), "--quick"]
-    assert main(line) == 2
-    assert "--rrd: needs a verdict" in capsys.readouterr().err
 
 
 def test_the_first_answer_names_what_descriptions_rarely_know(tmp_path: Path) -> None:

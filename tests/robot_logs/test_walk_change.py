@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.cli import main
 from mrwarp.rl.policy import DEFAULT_POLICY
 from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.replay_model import replay_model
@@ -14,7 +13,6 @@ from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.sysid.verdict import Error
-from tests.robot_logs.arm_log import arm_log
 
 
 def test_friction_and_a_load_cost_power(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,11 +46,3 @@ def test_friction_and_a_load_cost_power(tmp_path: Path, monkeypatch: pytest.Monk
     for old, new in zip(found.described, found.extended, strict=True):
         assert old["fell"] == new["fell"] == old["late"] == 0
         assert new["power"] > 1.1 * old["power"]
-
-
-def test_a_policy_that_could_not_walk_is_refused_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """An arm's log, and a policy's file that is not there: one line each, nothing is written."""
-    log = arm_log(tmp_path / "log", seconds=1.0)
-    for policy, said in ((DEFAULT_POLICY, "hangs or stands fixed"), (tmp_path / "p.onnx", "no such policy")):
-        assert main(["diagnose", str(log), "--policy", str(policy), "--out", str(tmp_path / "out")]) == 2
-        assert said in capsys.readouterr().err and not (tmp_path / "out").exists()

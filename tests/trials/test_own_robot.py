@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from mrwarp.cli import main
 from mrwarp.energy.power import GO1_LIMIT, ElectricalCfg, JointLoad, battery_power
 from mrwarp.env.natural_units import Scales
 from mrwarp.trials import own_robot
@@ -50,13 +49,3 @@ def test_what_a_current_changes_stands_beside_none() -> None:
     assert change["current"] == 1.0 and change["cot_change"] == pytest.approx(-0.1)
     assert own_robot.figures(rows[:2])["cot_change"] == pytest.approx(-0.1)
     assert own_robot.figures(rows)["cot_on"] is None
-
-
-def test_a_robots_file_needs_its_policy(capsys: pytest.CaptureFixture[str], tmp_path) -> None:  # noqa: ANN001
-    """One line, exit code 2; a robot that is neither the paper's nor a file too."""
-    out = ["--out", str(tmp_path / "out")]
-    (tmp_path / "beast.usda").touch()
-    assert main(["walk", "--robot", str(tmp_path / "beast.usda"), *out]) == 2
-    assert "--policy" in capsys.readouterr().err
-    assert main(["walk", "--robot", "beast", *out]) == 2
-    assert "beast" in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -188,29 +188,6 @@ def test_unusable_numbers_end_with_2(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("command", ["walk", "mission"])
-@pytest.mark.parametrize(
-    "options",
-    [["--current", "nan"], ["--current", "500"], ["--speed", "1e9"], ["--distance", "1e12"], ["--seed", "-1"]],
-)
-def test_numbers_out_of_range_end_with_2(
-    command: str, options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The option and what is allowed stand in the last line; nothing is written."""
-    assert main([command, "--out", str(tmp_path / "out"), *options]) == 2
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert options[0] in last and "allowed" in last
-    assert not (tmp_path / "out").exists()
-
-
-def test_calibration_is_refused_before_the_walk(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Not all four conditions of Go1: nothing is simulated for it."""
-    for options in (["--speed", "0.4"], ["--sal", "on"], ["--payload", "0"]):
-        assert main(["walk", "--out", str(tmp_path / "out"), "--calibrate", *options]) == 2
-        shown = capsys.readouterr()
-        assert "--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg" in shown.err and "%" not in shown.out
-
-
 def test_numbers_that_were_given_are_not_called_calibrated() -> None:
     """A default came from ``--calibrate``; another value only if this run fitted it."""
     groups = {"electrical": ElectricalCfg(electronics=50.0)}

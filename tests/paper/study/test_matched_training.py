@@ -69,10 +69,6 @@ def test_plants_differ_in_the_device_alone() -> None:
     assert cfgs[0].randomize == make_randomize_cfg("ground")
     assert [cfg.robot for cfg in cfgs] == ["go1"] + ["mr_go"] * 4
     assert [cfg.actuator for cfg in cfgs] == ["none", "pg_rlstm", "mlp", "bouc_wen", "lstm"]
-    with pytest.raises(ValueError, match="plant = 'spring': choose from conventional"):
-        plant_cfg("spring")
-    with pytest.raises(ValueError, match="randomize = 'moon' is unknown; choose from all, ground, none"):
-        plant_cfg("mlp", randomize="moon")
 
 
 def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
@@ -98,7 +94,7 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
 
 
 def test_robots_that_pay_name_their_price(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In the record's command and task; another price is another training; a price below zero is refused."""
+    """In the record's command and task; another price is another training."""
     options = ["--plants", "go1", "--seeds", "0", "--num-envs", "4", "--iterations", "1", "--runs", str(tmp_path / "r")]
     out = ["--out", str(tmp_path / "policies")]
     assert main(["study", "train", *options, "--power-price", "0.02"]) == 0
@@ -108,8 +104,6 @@ def test_robots_that_pay_name_their_price(tmp_path: Path, capsys: pytest.Capture
     record = json.loads(record_file(tmp_path / "policies", "go1", 0).read_text())
     assert record["command"].endswith("--randomize ground --power-price 0.02 --desired-kl 0.04 --entropy 0.003")
     assert record["task"]["rewards"]["power"] == -0.02
-    with pytest.raises(ValueError, match="power_price = nan 1/W must be finite and not negative"):
-        StudyCfg(power_price=float("nan"))
 
 
 def test_public_gains_are_those_of_every_motor() -> None:
@@ -275,12 +269,6 @@ def test_a_record_ends_where_its_policy_does(runs: Path, tmp_path: Path) -> None
     collect(cfg, runs, tmp_path / "policies")
     record = json.loads(record_file(tmp_path / "policies", CONVENTIONAL, 0).read_text())
     assert record["iterations"] == 2 and record["curve"]["iteration"] == [1.0, 2.0]
-
-
-def test_what_has_no_physics_takes_no_threads(capsys: pytest.CaptureFixture[str]) -> None:
-    """An option that would do nothing."""
-    assert main(["study", "collect", "--out", "anywhere", "--threads", "2"]) == 2
-    assert "unrecognized arguments: --threads 2" in capsys.readouterr().err
 
 
 def test_more_curves_than_colours_are_all_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
