@@ -186,16 +186,15 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
         LogError: robot and log do not fit.
     """
     progress(f"reading {robot}")
-    model = replace(replay_model(robot, log, device), settings=settings)
-    log = consistent(model, one_trunk(one_motion(log, model.settings), model.settings))
-    check_commands(model, log)
+    known, model = len(log.notes), replace(replay_model(robot, log, device), settings=settings)
+    log = consistent(model, check_commands(model, one_trunk(one_motion(log, model.settings), model.settings)))
     model = with_oscillator(model, log)
     least, effort = settings.robot.windows, settings.robot_fit
     groups = cut_windows(model, log, budget=effort.seconds)
     if (count := sum(group.count for group in groups)) < least:
         raise LogError(
             f"{log.path}: too short: {count} pieces of {groups[0].t[0, -1] if groups else 0.5:.1f} s, "
-            f"{least} are needed; record longer"
+            f"{'; '.join((f'{least} are needed', *log.notes[known:]))}; record longer"
         )
     part = groups if log.seconds <= effort.whole else cut_windows(model, log, budget=effort.fit_seconds)
     if sum(group.count for group in part) < least:

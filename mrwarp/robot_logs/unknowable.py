@@ -40,6 +40,11 @@ NOT_LOOKED_FOR = {
 }
 """Causes that no replay of a log tries, why, and what shows them."""
 
+TURNED = (
+    "imu_axes: not looked for in robot logs. A unit that is turned on the trunk reads what a turned trunk would: quat, "
+    "gyro and acc agree. Lean the trunk forward and see which angle changes"
+)
+"""Axes of an inertial unit, which no comparison of its own readings shows."""
 
 HALVED = 5
 """Times that the range is halved in which the friction lies that holds the feet: to 3 % of it."""
@@ -136,6 +141,7 @@ def _not_sought(model: ReplayModel, log: RobotLog) -> list[str]:
     """Causes that nothing in this log is tried for, and why."""
     names = [name for name in NOT_LOOKED_FOR if name == "backlash" or model.devices]
     found = [f"{name}: not looked for in robot logs; {NOT_LOOKED_FOR[name]}" for name in names]
+    found += [TURNED] if model.free else []
     sought = not model.free and all("q_des" in run.joint for run in log.runs)
     for cause in CATALOGUE.values():
         if cause.sought and not sought and not (model.free and cause.place == "robot"):

@@ -1,24 +1,29 @@
-"""Whether a log's targets are what the drives were asked for: at rest they have to ask for the torque that it takes.
+"""Whether a log's targets are what the drives were asked for: they have to ask for the torque that it takes.
 
 A joint that rests asks for ``kp*(q_des - q) + tau_ff``, which is the torque of gravity (held robots) or of the torque
 channel, up to dry friction. So the target that a rest needs is known. A target that is another number of times it,
 turns the other way, is off by a constant, stands still or is that of another joint is refused, with its size.
+
+Where the torque channel reads what targets ask for, they are right. If the links do not need that torque, a hand or
+another force from outside has the rest: these rows are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
+from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL, UNLIKE
 from mrwarp.robot_logs.causes.places import torque_scale
-from mrwarp.robot_logs.channels.joint_torque import gain_along, gravity_along, torques_along
+from mrwarp.robot_logs.channels.joint_torque import JointTorques, gain_along, gravity_along, torques_along
 from mrwarp.robot_logs.replay_model import LONGEST_DELAY, ReplayModel
-from mrwarp.robot_logs.robot_log import UNITS, LogError, LogRun, RobotLog, reads_torque
+from mrwarp.robot_logs.robot_log import MIN_SAMPLES, UNITS, LogError, LogRun, RobotLog, reads_torque
 
 
 class Rests(NamedTuple):
@@ -34,13 +39,16 @@ class Rests(NamedTuple):
     """Gain of the joint [N·m/rad]."""
 
 
-def check_commands(model: ReplayModel, log: RobotLog) -> None:
-    """Refuse targets that ask resting joints for another torque than they take, where another reading explains it.
+def check_commands(model: ReplayModel, log: RobotLog) -> RobotLog:
+    """The log without rows in which a hand moves joints against their targets, with a note.
+
+    Targets that ask resting joints for another torque than they take are refused where another reading explains it.
 
     Raises:
         LogError: a joint's target is in another unit or turned, off by a constant, frozen, or another joint's; or all
-            act at another time than any replay looks for.
+            act at another time than any replay looks for; or a hand moves the robot all the time.
     """
+    log = _let_go(model, log)
     runs = [run for run in log.runs if "q_des" in run.joint and (not model.free or reads_torque(log, run))]
     every = [_along(model, log, run) for run in runs]
     wrong: dict[str, list[str]] = {}
@@ -53,6 +61,70 @@ def check_commands(model: ReplayModel, log: RobotLog) -> None:
         raise LogError(f"{log.path}: {said}")
     if not model.free and (text := _late(model, log, runs)):
         raise LogError(f"{log.path}: q_des {text}")
+    return log
+
+
+def _let_go(model: ReplayModel, log: RobotLog) -> RobotLog:
+    """The log of a held robot without rows in which drives give what is asked for and the links need another torque.
+
+    Recordings are cut there. Rows that the smoothing mixes with them go, too.
+
+    Raises:
+        LogError: nothing is left.
+    """
+    runs = () if model.free else [run for run in log.runs if reads_torque(log, run)]
+    along = [torques_along(model, log, run, SMOOTHED) for run in runs]
+    held = [j for j in range(len(log.joints)) if along and _pushed(model, log, along, j)]
+    if not held:
+        return log
+    least = [model.settings.gain.detail * torque_scale(model, log, j) for j in held]
+    left, seconds = [run for run in log.runs if not reads_torque(log, run)], 0.0
+    for run, x in zip(runs, along, strict=True):
+        other = (np.abs(x.asked - x.rigid)[:, held] > least).any(axis=1)
+        out = maximum_filter1d(other, 2 * round(3.0 * SMOOTHED / run.dt) + 1)
+        seconds += float(out.sum()) * run.dt
+        ends = np.flatnonzero(np.diff(np.append(True, np.append(out, True)).astype(int))).reshape(-1, 2).tolist()
+        left += [_piece(run, first, end) for first, end in ends if end - first >= MIN_SAMPLES]
+    what = (
+        f"a hand or another force from outside moves {', '.join(log.joints[j] for j in held)}: the torque read is what "
+        f"q_des asks for, and the links need another; {seconds:.1f} s of this are left out"
+    )
+    if not left:
+        raise LogError(f"{log.path}: {what}, and nothing is left; record the robot without it")
+    return replace(log, runs=tuple(left), notes=(*log.notes, what))
+
+
+def _pushed(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j: int) -> bool:
+    """Whether a joint's drive gives the torque that is asked for, most of which no links, friction or spring need.
+
+    Links may be up to :data:`UNLIKE` times what they are described as. What rubs or springs back turns against the
+    motion; a target that stands still while a hand turns the joint asks the other way.
+    """
+
+    def of(name: str) -> np.ndarray:
+        return np.concatenate([getattr(x, name)[:, j] for x in along])
+
+    asked, read, q, qd = of("asked"), of("read"), of("q"), of("qd")
+    if not np.isfinite(read).all():
+        return False
+    needs = np.stack([of("gravity"), of("inertial"), np.tanh(qd / STANDSTILL), qd, q, np.ones(len(q))], axis=1)
+    most = [UNLIKE, UNLIKE, np.inf, np.inf, np.inf, np.inf]
+    fit = lsq_linear(needs, asked, (np.array([0.0, 0.0, 0.0, 0.0, 0.0, -np.inf]), most))
+    left = float((fit.fun**2).mean())
+    gain, scale = model.settings.gain, torque_scale(model, log, j)
+    large = left > max(gain.half * float(asked.var()), (gain.detail * scale) ** 2)
+    return large and float(((read - asked) ** 2).mean()) < (1.0 - EXPLAINED) * left
+
+
+def _piece(run: LogRun, first: int, end: int) -> LogRun:
+    """Rows of a recording, from ``first`` to before ``end``; the recording itself where these are all."""
+    if end - first == run.samples:
+        return run
+    rows = slice(first, end)
+    joint, base, feet = ({name: x[rows] for name, x in own.items()} for own in (run.joint, run.base, run.feet))
+    battery = None if run.battery is None else run.battery[rows]
+    name, t = f"{run.id} from {run.t[first]:.2f} s", run.t[rows] - run.t[first]
+    return LogRun(id=name, t=t, joint=joint, base=base, feet=feet, battery=battery)
 
 
 def _late(model: ReplayModel, log: RobotLog, runs: Sequence[LogRun]) -> str:
@@ -130,7 +202,10 @@ def _contradiction(model: ReplayModel, log: RobotLog, j: int, rests: Rests) -> s
     if left > 1.0 - gain.detail:
         if np.ptp(target) == 0.0:
             low, high = rests.angle.min(), rests.angle.max()
-            return f"stands still while it rests from {low:.3g} to {high:.3g} rad: no command, or a hand moved it"
+            return (
+                f"stands still while it rests from {low:.3g} to {high:.3g} rad: no command, or a hand moved it; a "
+                "measured torque (tau, tau_is) would show which, or cut these rows"
+            )
         shares = [_slope(target, x)[1] if np.isfinite(x).all() else 0.0 for x in rests.needed.T]
         best = int(np.argmax(shares))
         slope = _slope(target, rests.needed[:, best])[0]

@@ -115,7 +115,8 @@ def _explained(
     """Common size of a torque at some joints, the share of the rest that it explains, and whether it counts.
 
     Gains, masses, frictions, offsets and delays of each joint are free; joints count equally. A share counts that is no
-    chance, by the number of oscillators that are tried, and no small part.
+    chance, by the number of oscillators that are tried, and no small part. The ends of recordings, where accelerations
+    are extrapolated, do not count.
     """
     pairs = []
     for j in joints:
@@ -124,7 +125,9 @@ def _explained(
             rate = np.gradient(x.asked[:, j], run.dt)  # with the next one: of a delay, to second order
             late = [rate, np.gradient(rate, run.dt), np.gradient(np.gradient(x.rigid[:, j], run.dt), run.dt)]
             free = [x.gravity[:, j], x.inertial[:, j], np.tanh(x.qd[:, j] / STANDSTILL), x.qd[:, j], *late]
-            rows.append(np.stack([*free, np.ones(len(x.q)), t[:, j], x.asked[:, j] - x.rigid[:, j]], axis=1))
+            edge, every = min(round(SMOOTHED / run.dt), len(x.q) // 4), np.ones(len(x.q))
+            columns = np.stack([*free, every, t[:, j], x.asked[:, j] - x.rigid[:, j]], axis=1)
+            rows.append(columns[edge : len(columns) - edge])
         full = np.concatenate(rows)
         others, own = full[:, :-2], full[:, -2:]
         rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]

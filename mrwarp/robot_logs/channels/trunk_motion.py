@@ -18,6 +18,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, LATE, LEANS, SMOOTHED, STANDSTILL
+from mrwarp.robot_logs.channels.torque_channel import regressed
 from mrwarp.robot_logs.robot_log import STANDARD_GRAVITY, UNITS, LogError, LogRun, RobotLog
 from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.left_out import in_a_row
@@ -72,7 +73,7 @@ def one_trunk(log: RobotLog, settings: Settings) -> RobotLog:
             out.append(channel)
             notes.append(f"{channel} {text}; it is left out")
     if text := _gravity(log, settings):
-        notes.append(f"acc {text}; nothing else depends on it")
+        notes.append(f"acc {text}; no replay depends on acc")
     if not notes:
         return log
     runs = tuple(replace(run, base={c: x for c, x in run.base.items() if c not in out}) for run in log.runs)
@@ -99,7 +100,7 @@ def _contradiction(log: RobotLog, channel: str, settings: Settings) -> str:
     fit = agreed(*moments(seen, own), tolerated)
     turned = _turned(seen, own, channel, parts)
     if fit.share >= settings.gain.half and fit.factor == 1.0 and turned is None:
-        return _late(runs, channel, parts) if fit.moving.any() else ""
+        return (_late(runs, channel, parts) or _of_other(motion, channel, settings)) if fit.moving.any() else ""
     motions = {"": motion}
     if of == "quat":
         motions |= {order: _motions(runs, channel, read) for order, read in ORDERS.items() if order}
@@ -256,6 +257,23 @@ def _late(runs: Sequence[LogRun], channel: str, parts: int) -> str:
     return f"comes {1e3 * abs(late):.0f} ms {when} the change of {PAIRS[channel]}: one is filtered, or of another clock"
 
 
+def _of_other(motion: Mapping[str, np.ndarray], channel: str, settings: Settings) -> str:
+    """Whose axes a channel is in if not its own, in words; empty where it is in its own, or the log does not show it.
+
+    Where both have nearly the same axes the channel looks like its own motion. What it differs from that by then still
+    is their difference; what a mounting turns does not count.
+    """
+    frame, seen, own = next((name for name in motion if name not in ("", "seen")), ""), motion["seen"], motion[""]
+    if not frame:
+        return ""
+    turned = [np.cross(axis, own) for axis in np.eye(3)]
+    y, *references = ((x - x.mean(axis=0)).ravel() for x in (seen - own, motion[frame] - own, *turned))
+    fit = regressed(y, references[:1], references[1:], settings.robot.parts)
+    if fit.value[0] - fit.half[0] < settings.gain.half or fit.explained < settings.gain.half:
+        return ""
+    return f"is in the {frame}'s axes (turn it by quat), which are nearly its own here"
+
+
 def _leans(log: RobotLog, order: str, parts: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean accelerometer and what gravity is in the trunk's axes, in units of gravity, of parts of each recording."""
     seen, up = [], []
@@ -279,7 +297,11 @@ def _by_gravity(log: RobotLog, found: Sequence[Reading], settings: Settings) -> 
 
 
 def _gravity(log: RobotLog, settings: Settings) -> str:
-    """Why the accelerometer does not show gravity where the orientation has it, in words; empty where it does."""
+    """Why the accelerometer does not show gravity where the orientation has it, in words; empty where it does.
+
+    Raises:
+        LogError: by the orientation the trunk is upside down, by the accelerometer it is not.
+    """
     seen, up = _leans(log, "", settings.robot.parts)
     half = settings.gain.half
     if not len(seen) or np.linalg.norm((seen - up).mean(axis=0)) < half:
@@ -291,8 +313,15 @@ def _gravity(log: RobotLog, settings: Settings) -> str:
     where = ", ".join(f"{x:.1f}" for x in STANDARD_GRAVITY * seen.mean(axis=0))
     should = ", ".join(f"{x:.1f}" for x in STANDARD_GRAVITY * up.mean(axis=0))
     what = f"has a mean of ({where}) m/s², gravity by quat is ({should})"
+    if up[:, 2].mean() < -half and seen[:, 2].mean() > half:
+        raise LogError(
+            f"{log.path}: by quat the trunk is upside down, by acc it is not ({where} m/s²): write quat for a world "
+            "whose z points up, or leave acc out"
+        )
     k = int(np.argmax(np.abs(up.mean(axis=0))))
     at = axes.index(k)
     if left[axes, signs] > half**2:
         return f"{what}, and no other axes or signs explain it"
-    return f"{what}: its {'xyz'[at]} is {'-' if signs[at] < 0.0 else ''}{'xyz'[k]}"
+    down = "; or quat and gyro, too, are of axes that point down, and have to be written in axes that point up"
+    turned = down if at == k == 2 and signs[at] < 0.0 else ""
+    return f"{what}: its {'xyz'[at]} is {'-' if signs[at] < 0.0 else ''}{'xyz'[k]}{turned}"

@@ -1,25 +1,30 @@
-"""Targets that resting joints contradict are refused with their size; those of healthy and faulty robots are kept."""
+"""Targets that resting joints contradict are refused with their size; those of healthy and faulty robots are kept.
+
+A hand that moves a robot against its targets is no fault of them.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
+import mujoco
 import numpy as np
 import pytest
 
 from mrwarp.robot_logs.channels.command_channel import check_commands
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
-from mrwarp.robot_logs.robot_log import LogError, RobotLog, load_log
+from mrwarp.robot_logs.robot_log import LogError, LogRun, RobotLog, load_log
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from tests.robot_logs.arm_log import heavy_arm
 
 SHARED = Path(__file__).resolve().parents[4] / "shared"
 
 
-def arm(folder: Path, *hide: str) -> tuple[ReplayModel, RobotLog]:
+def arm(folder: Path, *hide: str, tau: Literal["none", "measured"] = "none") -> tuple[ReplayModel, RobotLog]:
     """A held arm of three joints that goes to poses and rests there."""
     path = heavy_arm(folder)
-    record(LogCfg(robot=str(path), motions=(("steps", 10.0),), hide=hide, tau="none", seed=5), folder / "log")
+    record(LogCfg(robot=str(path), motions=(("steps", 10.0),), hide=hide, tau=tau, seed=5), folder / "log")
     log = load_log(folder / "log")
     return replay_model(path, log), log
 
@@ -28,6 +33,41 @@ def arm(folder: Path, *hide: str) -> tuple[ReplayModel, RobotLog]:
 def healthy(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplayModel, RobotLog]:
     """That arm without a fault."""
     return arm(tmp_path_factory.mktemp("healthy"))
+
+
+HAND = 4.5, 13.5
+"""Begin and end of a hand's grip [s]."""
+
+
+def hand_held(folder: Path, lead: Callable[[float], float]) -> tuple[ReplayModel, RobotLog]:
+    """An arm whose second joint a hand leads by ``lead`` of the time [s], rad; it moves by itself before and after."""
+    dt, kp, kd = 0.005, np.array([120.0, 150.0, 60.0]), np.array([6.0, 8.0, 3.0])
+    path, rng = heavy_arm(folder), np.random.default_rng(3)
+    robot = mujoco.MjModel.from_xml_path(str(path))
+    robot.opt.timestep = 0.1 * dt
+    data, home = mujoco.MjData(robot), np.array([0.2, 0.5, 0.3])
+    data.qpos[:], rows, at = home, [], home[1]
+    for t in dt * np.arange(4000):
+        wave = home + [0.4 * np.sin(1.1 * t), 0.3 * np.sin(1.7 * t), 0.3 * np.sin(2.3 * t)]
+        target, held = wave if t < HAND[0] - 0.5 or t > HAND[1] + 0.5 else home, HAND[0] < t < HAND[1]
+        at = at + np.clip(home[1] + lead(t) - at, -4.0 * dt, 4.0 * dt) if held else data.qpos[1]
+        seen, data.ctrl[:] = np.stack([data.qpos, data.qvel]), target
+        for _ in range(10):
+            data.qfrc_applied[1] = (900.0 * (at - data.qpos[1]) - 30.0 * data.qvel[1]) if held else 0.0
+            mujoco.mj_step(robot, data)
+        tau = kp * (target - seen[0]) - kd * seen[1]
+        noisy = np.stack([*seen, tau]) + rng.normal(size=(3, 3)) * [[2e-4], [0.01], [0.1]]
+        rows.append(np.concatenate([noisy.ravel(), target]))
+    table = np.array(rows).reshape(-1, 4, 3)
+    run = LogRun(
+        id="hand",
+        t=dt * np.arange(len(table)),
+        joint=dict(zip(("q", "qd", "tau", "q_des"), np.moveaxis(table, 1, 0), strict=True)),
+    )
+    log = RobotLog(
+        path=folder, robot="", base="fixed", joints=("j1", "j2", "j3"), kp=kp, kd=kd, tau_is="measured", runs=(run,)
+    )
+    return replay_model(path, log), log
 
 
 def asked(log: RobotLog, change: Callable[[np.ndarray], np.ndarray]) -> RobotLog:
@@ -65,20 +105,54 @@ def test_targets_that_rests_contradict_are_refused(
 
 
 @pytest.mark.parametrize(
-    "hide",
+    ("hide", "tau"),
     [
-        "encoder_offset=j2:0.1",
-        "link_mass=l3:2",
-        "kp=*:0.6",
-        "coulomb_friction=j2:4",
-        "command_delay=0.02",
-        "command_lag=*:0.06",
-        "torque_lag=*:0.04",
+        ("encoder_offset=j2:0.1", "measured"),
+        ("link_mass=l3:2", "measured"),
+        ("kp=*:0.6", "measured"),
+        ("coulomb_friction=j2:4", "measured"),
+        ("coulomb_friction=j2:4", "none"),
+        ("command_delay=0.02", "none"),
+        ("command_lag=*:0.06", "none"),
+        ("torque_lag=*:0.04", "none"),
     ],
 )
-def test_faults_of_robots_are_none_of_their_targets(hide: str, tmp_path: Path) -> None:
-    """They droop and stick, and are for the replay to name."""
-    check_commands(*arm(tmp_path, hide))
+def test_faults_of_robots_are_none_of_their_targets(
+    hide: str, tau: Literal["none", "measured"], tmp_path: Path
+) -> None:
+    """They droop and stick, and are for the replay to name; no hand is taken for their reason."""
+    model, log = arm(tmp_path, hide, tau=tau)
+    assert check_commands(model, log) is log
+
+
+LEADS: dict[str, Callable[[float], float]] = {
+    "rests": lambda t: [0.0, 0.25, 0.5, 0.1, -0.3, 0.4][int(t / 2.0) % 6],
+    "sways": lambda t: 0.4 * np.sin(3.0 * t),
+}
+
+
+@pytest.mark.parametrize("lead", LEADS)
+def test_a_hand_is_left_out_where_the_torque_shows_it(lead: str, tmp_path: Path) -> None:
+    """Under targets that stand still it moves the robot: by the torque channel they are right, without it unclear."""
+    model, log = hand_held(tmp_path, LEADS[lead])
+    seen = check_commands(model, log)
+    assert "a hand or another force from outside moves j2" in seen.notes[-1]
+    times = [float(run.id.split()[2]) + run.t for run in seen.runs]
+    inside = [((t > HAND[0]) & (t < HAND[1])).sum() for t in times]
+    outside = [((t < HAND[0]) | (t > HAND[1] + 0.5)).sum() for t in times]
+    assert sum(inside) < 0.15 * (HAND[1] - HAND[0]) / log.runs[0].dt, "what it does not move may stay"
+    assert sum(outside) > 0.85 * (20.0 - np.diff(HAND)[0] - 0.5) / log.runs[0].dt
+    if lead == "rests":
+        with pytest.raises(LogError, match="no command, or a hand moved it; a measured torque"):
+            check_commands(model, replace(log, tau_is="none"))
+
+
+def test_a_torque_that_targets_do_not_ask_for_is_no_hand(tmp_path: Path) -> None:
+    """Targets that stand still in a log whose torque is that of the links: they are no command."""
+    model, log = arm(tmp_path, tau="measured")
+    frozen = asked(log, lambda x: np.where([False, False, True], x[0], x))
+    with pytest.raises(LogError, match="q_des of j3 stands still"):
+        check_commands(model, frozen)
 
 
 @pytest.mark.parametrize(

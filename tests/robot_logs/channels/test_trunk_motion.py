@@ -23,14 +23,13 @@ def orientation(run: LogRun) -> Rotation:
     return Rotation.from_quat(np.roll(run.base["quat"], -1, axis=1))
 
 
-@pytest.fixture(scope="module")
-def healthy() -> RobotLog:
-    """A trunk that sways, heads away from north and wanders, by closed forms, with noise of usual sensors."""
+def swaying(yaw: float) -> RobotLog:
+    """A trunk that sways, heads by ``yaw`` [rad] and wanders, by closed forms, with noise of usual sensors."""
     rng, t = np.random.default_rng(0), DT * np.arange(ROWS)
 
     def turned(t: np.ndarray) -> Rotation:
         lean = 0.15 * np.sin(3.1 * t) + 0.05, 0.12 * np.sin(4.3 * t + 1.0)
-        return Rotation.from_euler("ZYX", np.stack([YAW + 0.2 * np.sin(0.7 * t), *lean], axis=1))
+        return Rotation.from_euler("ZYX", np.stack([yaw + 0.2 * np.sin(0.7 * t), *lean], axis=1))
 
     turn, gyro = turned(t), (turned(t - 1e-5).inv() * turned(t + 1e-5)).as_rotvec() / 2e-5
     pos = np.stack([0.3 * np.sin(0.9 * t), 0.2 * np.sin(1.7 * t), 0.3 + 0.05 * np.sin(5.0 * t)], axis=1)
@@ -48,6 +47,12 @@ def healthy() -> RobotLog:
     return RobotLog(
         path=Path("log"), robot="", base="free", joints=("j",), kp=gains, kd=gains, tau_is="none", runs=(run,)
     )
+
+
+@pytest.fixture(scope="module")
+def healthy() -> RobotLog:
+    """A trunk that heads away from north."""
+    return swaying(YAW)
 
 
 def changed(log: RobotLog, channel: str, change: Change) -> RobotLog:
@@ -70,6 +75,24 @@ def test_a_healthy_trunk_is_kept(healthy: RobotLog) -> None:
     (run,) = healthy.runs
     without = replace(run, base={"quat": run.base["quat"]})
     np.testing.assert_allclose(_attitude(without)[1][5:-5], run.base["gyro"][5:-5], rtol=0, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("channel", "change", "said"),
+    [
+        ("gyro", lambda x, turn: turn.apply(x), "is in the world's axes"),
+        ("vel", lambda x, turn: turn.inv().apply(x), "is in the trunk's axes"),
+    ],
+)
+def test_axes_that_are_nearly_the_same_are_distinguished(channel: str, change: Change, said: str) -> None:
+    """A trunk that heads north differs from the world by its leaning alone, a mounted unit by what does not change."""
+    log = swaying(0.0)
+    assert one_trunk(log, Settings()) is log
+    for fair in (later(1), lambda x, _: 1.02 * x, lambda x, _: Rotation.from_rotvec([0.03, 0.06, 0.0]).apply(x)):
+        own = changed(log, "gyro", fair)
+        assert one_trunk(own, Settings()) is own
+    (note,) = one_trunk(changed(log, channel, change), Settings()).notes
+    assert note.startswith(f"{channel} {said}"), note
 
 
 @pytest.mark.parametrize(
@@ -110,6 +133,10 @@ def test_a_contradiction_is_named_with_what_explains_it(
     [
         (lambda x, _: np.roll(x, -1, axis=1), "quat is x, y, z, w (write w first)"),
         (lambda x, _: x * [1.0, -1.0, -1.0, -1.0], "quat turns the world's axes into the trunk's"),
+        (
+            lambda _, turn: np.roll((Rotation.from_rotvec([np.pi, 0.0, 0.0]) * turn).as_quat(), 1, axis=1),
+            "upside down, by acc it is not",
+        ),
         (lambda x, _: np.tile(x[:1], (len(x), 1)), "quat stands still while gyro moves"),
     ],
 )
