@@ -79,8 +79,11 @@ def c_header(device: DeviceProgram, name: str) -> str:
         f" * tau = {name}_step(&state, q, qd, current);   once every {NAME}_DT seconds",
         " *",
         " * q [rad] as in the recordings, qd [rad/s], current [A]; tau [N*m] is positive against a positive qd: apply",
-        " * -tau. state.bound [N*m] is the dry friction that the device may use, to make it a brake that holds.",
-        f" * Add {NAME}_INERTIA [kg*m^2] to the joint's inertia. NaN in gives NaN out; do not use -ffast-math.",
+        " * -tau. A brake that holds needs state.bound [N*m] instead, the dry friction that the device may use. With",
+        " * the inertia J [kg*m^2] and all other torques in sum, load [N*m], it stands or is caught in each step DT by",
+        f" *     free = qd + load / J * {NAME}_DT;          most = state.bound / J * {NAME}_DT;",
+        f" *     qd = free - fminf(fmaxf(free, -most), most);   q += qd * {NAME}_DT;",
+        f" * J has {NAME}_INERTIA in it. NaN in gives NaN out; do not use -ffast-math.",
         " */",
         f"#ifndef {NAME}_H",
         f"#define {NAME}_H",
@@ -132,8 +135,15 @@ PYTHON = '''"""{origin}
     joints = Joints(3)
     torque = joints.step(q, qd, current)  # arrays of 3: [rad], [rad/s], [A] -> [N*m], once every DT seconds
 
-The torque is positive against a positive velocity: apply its negative. ``joints.bound`` [N*m] is the dry friction that
-each device may use, to make it a brake that holds. NaN in gives NaN out.
+The torque is positive against a positive velocity: apply its negative. A brake that holds needs ``joints.bound`` [N*m]
+instead, the dry friction that each device may use. With the inertia J [kg*m^2], INERTIA in it, and all other torques in
+sum, load [N*m], a joint stands or is caught in each step by
+
+    free = qd + load / J * DT
+    qd = free - np.clip(free, -joints.bound / J * DT, joints.bound / J * DT)
+    q = q + qd * DT
+
+NaN in gives NaN out.
 """
 
 import math
@@ -233,6 +243,7 @@ MUJOCO = """/* {origin}
  * {name}_brake brake;
  * {name}_install(&brake, m, d, joint);     once, a hinge of a model whose timestep is {NAME}_DT; 0 if it is not
  * {name}_apply(&brake, m, d, current);     before every mj_step: sets the friction of the step that follows
+ * memset(&brake.joint, 0, sizeof brake.joint);   with every mj_resetData: at rest, without current
  */
 #ifndef {NAME}_MUJOCO_H
 #define {NAME}_MUJOCO_H
