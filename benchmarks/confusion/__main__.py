@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from typing import Any
 
 from benchmarks.confusion.case import NOISES, write_case
 from benchmarks.confusion.families import FAMILIES, Plan
-from benchmarks.confusion.motion import SIZES
+from benchmarks.confusion.motion import MOTIONS, SIZES
 from benchmarks.confusion.suite import SuiteError, read_cases, run_case, run_suite
 from benchmarks.confusion.tables import report
 from mrwarp.runtime import quiet_libraries
@@ -26,6 +27,15 @@ def main() -> int:
     parser.add_argument("--noise", choices=NOISES, help="noise of every data set (default: realistic; none: in turn)")
     parser.add_argument("--spread", type=float, help="spread of the base coefficients (default: 0.02; none: and 0.2)")
     parser.add_argument("--truth-rate", type=float, help="lowest rate of the truth's steps in 1/s (default: 2000)")
+    parser.add_argument("--motion", choices=MOTIONS, help="motion of every data set (default: mixed)")
+    parser.add_argument(
+        "--strengths",
+        nargs="+",
+        default=[],
+        type=_strength,
+        metavar="EFFECT=SIZE",
+        help="hide these together, with strengths within a factor of 1.25; in place of --kinds and --level",
+    )
     parser.add_argument("--joined", action="store_true", help="each session as one run, without a stop")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0 runs in this one")
     parser.add_argument("--known", action="store_true", help="what is hidden is known: ask for its size only")
@@ -45,6 +55,8 @@ def main() -> int:
             noise=args.noise,
             base_spread=args.spread,
             truth_rate=args.truth_rate,
+            motion=args.motion,
+            strengths=tuple(args.strengths),
             joined=args.joined,
             kinds=tuple(args.kinds),
         )
@@ -60,6 +72,17 @@ def main() -> int:
         parser.error(str(error))
     print(f"\n{report(cases)}")
     return 0
+
+
+def _strength(text: str) -> tuple[str, float]:
+    name, _, size = text.partition("=")
+    try:
+        value = float(size)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: give an effect and a size, as in backlash=0.001")
+    return name, value
 
 
 def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:

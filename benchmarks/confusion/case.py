@@ -24,6 +24,9 @@ from mrwarp.recording.load import Recording, Trajectory
 _NEAR = 0.04
 """Largest relative miss of a level that is taken as it is; above, another session is drawn."""
 
+SIZE_SPREAD = 1.25
+"""Largest factor by which a strength differs from its typical one, either way."""
+
 _ATTEMPTS = 8
 """Sessions that are drawn at most; then the one with the nearest level is taken."""
 
@@ -118,7 +121,7 @@ class Truth:
     """Effects outside the catalogue."""
     parameters: Mapping[str, Mapping[str, Any]]
     """For each effect ``parameter``, ``value`` and ``unit`` as logged, ``exact`` (whether a fit should find it), the
-    ``level`` it has alone (None for a shift of calibration) and its ``draws``."""
+    ``level`` it has alone (None for a shift of calibration or a given strength) and its ``draws``."""
     depends_on: frozenset[str]
     """Variables of which the diagnosis has to name one for the background; empty without one."""
     base: Mapping[str, float]
@@ -198,6 +201,8 @@ def make_case(
     session_clock: bool = True,
     clock_error: float = 0.005,
     truth_rate: float = TRUTH_RATE,
+    motion: str = "mixed",
+    strengths: Mapping[str, float] | None = None,
 ) -> Case:
     """Make a data set with a hidden effect.
 
@@ -216,6 +221,8 @@ def make_case(
         session_clock: Whether the time runs on between trajectories.
         clock_error: See :func:`~benchmarks.confusion.motion.make_session`.
         truth_rate: See there.
+        motion: See there.
+        strengths: Typical ones of effects, drawn within a factor of :data:`SIZE_SPREAD` instead of by ``level``.
     """
     kinds = () if kind == "none" else (kind,) if isinstance(kind, str) else tuple(kind)
     hidden = (*kinds, *([background] if background else []))
@@ -226,19 +233,25 @@ def make_case(
         raise ValueError("velocity_lag cannot be hidden in a log without velocity")
     errors = NOISES[noise] if isinstance(noise, str) else noise
     plain = Device.drawn(base_spread, _stream(seed, 1))
-    motion, effects, closest = None, {}, np.inf
+    typical = strengths or {}
+    taken, effects, closest = None, {}, np.inf
     for attempt in range(_ATTEMPTS):
         drawn = make_session(
-            size=size, rate=rate, seed=_stream(seed, 0, attempt), clock_error=clock_error, truth_rate=truth_rate
+            size=size,
+            rate=rate,
+            seed=_stream(seed, 0, attempt),
+            clock_error=clock_error,
+            truth_rate=truth_rate,
+            motion=motion,
         )
         rng = np.random.default_rng(_stream(seed, 2))
-        found = {name: _effect(name, level, plain, drawn, errors.sigma, rng) for name in hidden}
+        found = {name: _effect(name, level, plain, drawn, errors.sigma, rng, typical.get(name)) for name in hidden}
         off = max((miss for _, miss in found.values()), default=0.0)
-        if motion is None or off < closest:
-            motion, effects, closest = drawn, {name: effect for name, (effect, _) in found.items()}, off
+        if taken is None or off < closest:
+            taken, effects, closest = drawn, {name: effect for name, (effect, _) in found.items()}, off
         if closest < _NEAR:
             break
-    assert motion is not None
+    assert taken is not None
     device = plain.with_effects(effects)
     rendering = Rendering(
         **(LINEAR if linear else {}),
@@ -252,17 +265,19 @@ def make_case(
     return Case(
         seed=seed,
         device=device,
-        motion=motion,
+        motion=taken,
         noise=errors,
         rendering=rendering,
         truth=Truth(
             kinds=tuple(name for name in hidden if name not in UNCATALOGUED),
             background=outside,
-            parameters={name: _stated(name, effects[name], rendering, level) for name in hidden},
+            parameters={
+                name: _stated(name, effects[name], rendering, None if name in typical else level) for name in hidden
+            },
             depends_on=frozenset().union(*(EFFECTS[name].depends_on for name in outside)),
             base=plain.base,
         ),
-        level=level_of(device, motion, errors.sigma) if hidden else 0.0,
+        level=level_of(device, taken, errors.sigma) if hidden else 0.0,
         settings={"size": size, "clock_error": clock_error, "truth_rate": truth_rate},
     )
 
@@ -369,11 +384,19 @@ def _stream(seed: int, *stream: int) -> np.random.SeedSequence:
 
 
 def _effect(
-    name: str, level: float, device: Device, motion: Motion, sigma: float, rng: np.random.Generator
+    name: str,
+    level: float,
+    device: Device,
+    motion: Motion,
+    sigma: float,
+    rng: np.random.Generator,
+    typical: float | None,
 ) -> tuple[Effect, float]:
-    """An effect of the level, and by which share the level is missed."""
+    """An effect of the level, or near its typical strength, and by which share the level is missed."""
     spec = EFFECTS[name]
     draws = spec.draw(rng)
+    if typical is not None:
+        return Effect(strength=typical * SIZE_SPREAD ** rng.uniform(-1.0, 1.0), draws=draws), 0.0
     if spec.size is not None:
         return Effect(strength=spec.size, draws=draws), 0.0
     effect, found = strength_for(name, draws, level=level, device=device, motion=motion, sigma=sigma)
@@ -383,7 +406,7 @@ def _effect(
     return effect, abs(found / level - 1.0)
 
 
-def _stated(name: str, effect: Effect, rendering: Rendering, level: float) -> dict[str, Any]:
+def _stated(name: str, effect: Effect, rendering: Rendering, level: float | None) -> dict[str, Any]:
     value = true_value(name, effect)
     return {
         "parameter": value.parameter,

@@ -67,6 +67,11 @@ class Plan:
     """Spread of all coefficients; None: 0.02, in the family "none" 0.02 and 0.2 in turn."""
     truth_rate: float | None = None
     """Lowest rate at which the truth is stepped [1/s]; None: 2 kHz."""
+    motion: str | None = None
+    """Motion of all data sets, of :data:`~benchmarks.confusion.motion.MOTIONS`; None: mixed."""
+    strengths: tuple[tuple[str, float], ...] = ()
+    """Effects of the family "single" that are hidden together, each with its typical strength, in place of ``kinds``
+    and ``level``; empty: one at a time, by level."""
     joined: bool = False
     """Whether each session is recorded as one run, its trajectories one after another without a stop."""
     kinds: tuple[str, ...] = ()
@@ -75,7 +80,9 @@ class Plan:
     def __post_init__(self) -> None:
         if self.family not in FAMILIES:
             raise ValueError(f"family = {self.family!r} is unknown; one of {', '.join(FAMILIES)}")
-        unknown = set(self.kinds) - set(self._known())
+        if self.strengths and (self.family != "single" or self.kinds):
+            raise ValueError("strengths are of family 'single' and say which effects there are; leave out kinds")
+        unknown = ({name for name, _ in self.strengths} | set(self.kinds)) - set(self._known())
         if unknown:
             raise ValueError(f"kind {min(unknown)!r} is not in family {self.family!r}; of {', '.join(self._known())}")
 
@@ -90,6 +97,8 @@ class Plan:
         """Keyword arguments of :func:`~benchmarks.confusion.case.make_case` for the case ``index``."""
         kinds = [kind for kind in self._known() if not self.kinds or kind in self.kinds]
         kind, turn = kinds[index % len(kinds)], index // len(kinds)
+        if self.strengths:
+            kind = "+".join(name for name, _ in self.strengths)
         out: dict[str, Any] = {"kind": tuple(kind.split("+")) if "+" in kind else kind, "level": self.level}
         out["seed"] = self.seed * SEED_STEP + index
         if self.family in OTHER_LAWS:
@@ -114,6 +123,8 @@ class Plan:
             "noise": self.noise,
             "base_spread": self.base_spread,
             "truth_rate": self.truth_rate,
+            "motion": self.motion,
+            "strengths": dict(self.strengths) or None,
         }
         return {**out, **{key: value for key, value in fixed.items() if value is not None}}
 

@@ -1,4 +1,7 @@
-"""Sessions on the bench: current steps, sines at constant current and gait-like motion, in random order with rests."""
+"""Sessions on the bench: current steps, sines at constant current and gait-like motion, in random order with rests.
+
+Or triangles alone, at whose corners a joint turns round within a sample.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
+from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.confusion.current import Current
 from benchmarks.confusion.path import Path, Turns
@@ -39,6 +43,12 @@ STEP = (0.15, 0.7)
 LEADS_OVER = 0.6
 """Time in which the end of a trajectory is led to the beginning of the next, where all are one run [s]."""
 
+CORNER = 0.005
+"""Standard deviation of the bell that rounds the corners of a triangle [s]."""
+
+MOTIONS = ("mixed", "triangles")
+"""Motions of a session: steps, sines and gait; triangles."""
+
 UPDATE_RATE = 50.0
 """Updates of the current in gait-like motion [1/s]."""
 
@@ -48,7 +58,7 @@ class Motion:
     """Prescribed motion and command of T trajectories of equal length, on the fine grid of N samples."""
 
     kind: tuple[str, ...]
-    """Kind of each trajectory, shape (T,): "steps", "sine", "gait" or a name of the caller's."""
+    """Kind of each trajectory, shape (T,): "steps", "sine", "gait", "triangle" or a name of the caller's."""
     rate: float
     """Logging rate [1/s]."""
     substeps: int
@@ -107,6 +117,7 @@ def make_session(
     seed: np.random.SeedSequence,
     clock_error: float = 0.005,
     truth_rate: float = TRUTH_RATE,
+    motion: str = "mixed",
 ) -> Motion:
     """Draw a session.
 
@@ -117,7 +128,10 @@ def make_session(
         clock_error: Largest relative error of the clock that updates the current against the logging clock, drawn for
             each trajectory; 0 locks them, then all updates of a trajectory have the same phase between samples.
         truth_rate: Lowest rate at which the truth is stepped [1/s].
+        motion: One of :data:`MOTIONS`.
     """
+    if motion not in MOTIONS:
+        raise ValueError(f"motion = {motion!r} is unknown; one of {', '.join(MOTIONS)}")
     if size not in SIZES:
         raise ValueError(f"size = {size!r} is unknown; one of {', '.join(SIZES)}")
     if not 100.0 <= rate <= 3000.0:
@@ -126,10 +140,13 @@ def make_session(
     rng = np.random.default_rng(seed)
     substeps = math.ceil(truth_rate / rate)
     t = np.arange((round(seconds * rate) - 1) * substeps + 1) / (rate * substeps)
-    rows = [_steps(t, rng) for _ in range(counts[0])]
-    rows += _sines(t, counts[1], rng)
-    rows += [_gait(t, rng, clock_error) for _ in range(counts[2])]
-    kinds = [kind for kind, count in zip(("steps", "sine", "gait"), counts, strict=True) for _ in range(count)]
+    if motion == "triangles":
+        rows, kinds = [_triangle(t, rng) for _ in range(sum(counts))], ["triangle"] * sum(counts)
+    else:
+        rows = [_steps(t, rng) for _ in range(counts[0])]
+        rows += _sines(t, counts[1], rng)
+        rows += [_gait(t, rng, clock_error) for _ in range(counts[2])]
+        kinds = [kind for kind, count in zip(("steps", "sine", "gait"), counts, strict=True) for _ in range(count)]
     order = rng.permutation(len(rows))
     rest = rng.uniform(5.0, 60.0, len(rows) - 1)
     return Motion(
@@ -195,6 +212,19 @@ def _steps(t: np.ndarray, rng: np.random.Generator) -> _Row:
         down = level[k - 1] + size > CURRENT_MAX or (level[k - 1] >= size and rng.uniform() < 0.5)
         level[k] = level[k - 1] + (-size if down else size)
     return q, qd, edges, level
+
+
+def _triangle(t: np.ndarray, rng: np.random.Generator) -> _Row:
+    """A triangle of 0.1 to 0.4 rad and 0.5 to 2 Hz with rounded corners; a current that steps about once a second.
+
+    It is under way from the beginning: a joint that starts from rest shows its play there as well.
+    """
+    size, f = rng.uniform(0.1, 0.4), rng.uniform(0.5, 2.0)
+    step = t[1] - t[0]
+    q = size * 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 2.0 * np.pi)))
+    q = gaussian_filter1d(q, CORNER / step, mode="nearest")
+    edges = np.concatenate([[0.0], np.sort(rng.uniform(0.2, t[-1], round(t[-1])))])
+    return q, np.gradient(q, step), edges, rng.uniform(0.0, CURRENT_MAX, len(edges))
 
 
 def _sines(t: np.ndarray, count: int, rng: np.random.Generator) -> list[_Row]:

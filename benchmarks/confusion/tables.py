@@ -63,8 +63,8 @@ def _coverage_lines(cases: list[_Case]) -> list[str]:
     lines = [share("95 % intervals that cover the truth", found, lambda entry: entry["covered"])]
     for name in dict.fromkeys(entry["name"] for entry in found):
         own = [entry for entry in found if entry["name"] == name]
-        ratio = np.median([entry["value"] / entry["truth"] for entry in own])
-        lines.append(share(f"  {name}, median {ratio:.3f} of the truth", own, lambda entry: entry["covered"]))
+        ratio = np.mean([entry["value"] / entry["truth"] for entry in own])
+        lines.append(share(f"  {name}, mean {ratio:.3f} of the truth", own, lambda entry: entry["covered"]))
     return lines
 
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from benchmarks.confusion import bench, levels
-from benchmarks.confusion.case import NOISES, Noise, Truth, make_case, write_case
+from benchmarks.confusion.case import NOISES, Case, Noise, Truth, make_case, write_case
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UNCATALOGUED, Effect
 from benchmarks.confusion.families import FAMILIES, OTHER_LAWS, Plan
 from benchmarks.confusion.levels import TOLERANCE
@@ -197,6 +197,23 @@ def test_a_shaft_that_leaves_its_stop_moves_by_its_balance() -> None:
     miss = np.abs(found.z[0, open_] - exact).max() / exact[0]
     print(f"z {exact[0]:.3f} to {exact[-1]:.3f} rad, largest miss {miss:.4f} of it")
     assert exact[-1] < 0.7 * exact[0] and miss < dt * abs(rate(0.0, exact[0])) / exact[0]
+
+
+def test_strengths_are_hidden_together_and_a_triangle_turns_round_at_once() -> None:
+    """Each within a factor of 1.25 of its typical size; from one full speed to the other within four samples."""
+    sizes = {"backlash": 1e-3, "rotor_inertia": 2e-3}
+    plan = Plan(family="single", size="small", seed=3, motion="triangles", strengths=tuple(sizes.items()))
+    case, other = plan.make(0), plan.make(1)
+    assert isinstance(case, Case) and case.truth.kinds == tuple(sizes) == other.truth.kinds
+    for name, typical in sizes.items():
+        stated, again = (x.truth.parameters[name] for x in (case, other))
+        assert typical / 1.25 <= stated["value"] <= 1.25 * typical and stated["value"] != again["value"]
+        assert stated["level"] is None
+    qd, apart = case.motion.qd / np.abs(case.motion.qd).max(axis=1, keepdims=True), 4 * case.motion.substeps
+    assert ((qd[:, :-apart] > 0.9) & (qd[:, apart:] < -0.9)).any(axis=1).all()
+    for family, kinds in (("none", ()), ("single", ("backlash",))):
+        with pytest.raises(ValueError, match="strengths are of family 'single'"):
+            Plan(family=family, kinds=kinds, strengths=(("backlash", 1e-3),))
 
 
 def test_files_hold_the_recording(tmp_path: Path) -> None:
