@@ -66,7 +66,7 @@ lint-rest: $(READY)
 	$(PY) -m pytest -q --noconftest tests/test_method_size.py
 	$(MAKE) docs
 
-# the pages as a site in build/site, with the reference from the code; a warning is an error, no network is needed
+# the pages as a site in build/site, with the reference from the code; a warning is an error, but unseen with --quiet; no network is needed
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict -f tools/site/mkdocs.yml
 

@@ -55,12 +55,14 @@ def test_a_full_disk_ends_in_one_line(
     assert capsys.readouterr().err == f"mrwarp check: {where}No space left on device; {remedy}\n"
 
 
-@pytest.mark.parametrize("command", ["fit .", "learn . --kind mlp", "sweep --command fit --grid seed=0", "monitor ."])
+@pytest.mark.parametrize(
+    "command", ["fit .", "learn . --kind mlp", "sweep --command fit --grid seed=0", "monitor .", "reproduce fig5"]
+)
 def test_a_second_run_in_the_same_folder_is_refused(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     """For any command, before it does anything."""
-    if command.startswith("learn"):
+    if command.startswith(("learn", "reproduce")):
         pytest.importorskip("torch", reason="needs mrwarp[sim]")
     monkeypatch.setattr("mrwarp.recording.records.check_count", lambda *_: None)
     (tmp_path / "a.csv").touch()

@@ -6,15 +6,12 @@ import re
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
-
-import yaml
+from typing import Any
 
 import mrwarp
 from mrwarp.sysid.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
-CONFIG = ROOT / "tools/site/mkdocs.yml"
 
 
 def hooks() -> Any:
@@ -24,37 +21,6 @@ def hooks() -> Any:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def pages_of(entry: object) -> list[str]:
-    """Files of a part of the navigation."""
-    if isinstance(entry, list):
-        return [page for item in entry for page in pages_of(item)]
-    return pages_of(list(entry.values())) if isinstance(entry, dict) else [str(entry)]
-
-
-def test_every_page_has_its_place_in_the_navigation() -> None:
-    """In five parts; devices of the library are put in by the hook."""
-    nav = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))["nav"]
-    assert [next(iter(part)) for part in nav[1:]] == ["Start", "Guides", "Explanation", "Reference", "Results"]
-    filled = hooks().on_config(cast(Any, SimpleNamespace(nav=nav))).nav
-    listed = [page for page in pages_of(filled) if not page.startswith("reference/")]
-    assert sorted(listed) == sorted(str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md"))
-
-
-def test_the_site_loads_nothing_from_elsewhere() -> None:
-    """No fonts, scripts or styles of other hosts."""
-    content = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-    assert content["theme"]["font"] is False
-    assert not content.keys() & {"extra_javascript", "extra_css"}
-
-
-def test_a_warning_of_the_site_is_an_error() -> None:
-    """mkdocs counts warnings only where it prints them: with ``--quiet`` a broken link passes ``--strict``."""
-    (command,) = re.findall(r"^docs:.*\n\t(.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
-    assert "--strict" in command and "--quiet" not in command and " -q" not in command
-    checks = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))["validation"]
-    assert {level for part in checks.values() for level in part.values()} == {"warn"}
 
 
 def test_the_python_reference_has_every_public_name() -> None:

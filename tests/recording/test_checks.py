@@ -96,6 +96,14 @@ def _cut_gzip(folder: Path) -> Path:
     return folder / "bad.csv.gz"
 
 
+def _swapped(folder: Path) -> Path:
+    """At 1.2 Hz dq/dt is 57 times qd then, as where one is in degrees."""
+    t = np.arange(400) * 0.005
+    phase = 2.0 * np.pi * 1.2 * t
+    q, qd = 0.3 * np.sin(phase), 0.3 * 2.0 * np.pi * 1.2 * np.cos(phase)
+    return write(folder / "bad.csv", {"t": t, "q": qd, "qd": q, "current": np.ones(400), "torque": np.tanh(qd)})
+
+
 REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "missing column": (_without("torque"), ("'torque' is missing", "add it [N·m]")),
     "missing time": (_without("t"), ("'t' is missing",)),
@@ -173,6 +181,15 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "milliamperes": (_edited(current=lambda x: 1e3 * x), ("'current'", "look like mA", '{"current": "mA"}')),
     "millinewtonmetres": (_edited(torque=lambda x: 1e3 * x), ("'torque'", "look like mN·m")),
     "microseconds": (_edited(t=lambda x: 1e6 * x), ("'t'", "look like microseconds", '{"t": "us"}')),
+    "swapped angle and speed": (_swapped, ("are two columns swapped",)),
+    "an epoch in steps of 1000 s": (
+        _edited(t=lambda x: np.floor((1.79e9 + x) / 1e3) * 1e3),
+        ("'t': time stands: 200 rows have 1 different stamps",),
+    ),
+    "an epoch in steps of half a second": (
+        _edited(t=lambda x: np.floor((1.79e9 + x) / 0.5) * 0.5),
+        ("'t': time stands: 200 rows have 2 different stamps",),
+    ),
     "two joints": (
         _text_edit(lambda x: ["t,q1,q2,current,torque,tau2", *x[1:]]),
         ("'q' is missing", "q1, q2: a recording is of one joint"),
@@ -250,6 +267,8 @@ def test_limit_holds_for_all_files_together(tmp_path: Path, monkeypatch: pytest.
         ('{"q": "furlong"}', "'furlong' of q is not known"),
         ('{"q": "m"}', "declare torque in N"),
         ('{"trust_units": 1}', "must be true or false"),
+        ("[" * 100_000, "units.json: not JSON: .*; repair or remove it"),
+        ('{"q": ["deg"]}', r"the unit \['deg'\] of q is not known; use one of"),
     ],
 )
 def test_bad_units_file_is_refused(tmp_path: Path, content: str, message: str):
@@ -290,12 +309,6 @@ def test_a_header_nested_without_end_is_kept_as_text(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("# source: " + "[" * 100_000 + "\nt,q,current,torque\n" + rows + "\n")
     assert load_recording(path).header["source"] == "[" * 100_000
-    (tmp_path / "units.json").write_text("[" * 100_000)
-    with pytest.raises(RecordingError, match=r"units.json: not JSON: .*; repair or remove it"):
-        load_recording(path)
-    (tmp_path / "units.json").write_text('{"q": ["deg"]}')
-    with pytest.raises(RecordingError, match=r"the unit \['deg'\] of q is not known; use one of"):
-        load_recording(path)
 
 
 def _brake(folder: Path, units: str, scale: float, holding: str) -> Path:
@@ -402,16 +415,6 @@ def test_temperatures_of_a_sensor_that_does_not_answer(
         assert run.temperature is None
     else:
         assert run.temperature is not None and left[0] <= run.temperature.min() <= run.temperature.max() <= left[1]
-
-
-def test_angle_and_speed_that_are_swapped_are_no_degrees(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """At 1.2 Hz dq/dt is 57 times qd then, as where one is in degrees: the columns do not go together."""
-    t = np.arange(400) * 0.005
-    phase = 2.0 * np.pi * 1.2 * t
-    q, qd = 0.3 * np.sin(phase), 0.3 * 2.0 * np.pi * 1.2 * np.cos(phase)
-    data = {"t": t, "q": qd, "qd": q, "current": np.ones(400), "torque": np.tanh(qd)}
-    assert cli.main(["check", str(write(tmp_path / "a.csv", data))]) == 2
-    assert "are two columns swapped" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -55,17 +55,6 @@ def test_rounded_stamps_are_spread_evenly(rate: float, tick: float) -> None:
     assert (piece.columns["q"] == np.sin(t)).all()  # only the stamps were wrong
 
 
-@pytest.mark.parametrize(("tick", "ticks"), [(1e3, 1), (0.5, 4)])
-def test_stamps_of_too_few_digits_are_refused(
-    tmp_path: Path, tick: float, ticks: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """An epoch time that was written as 1.79e+09 stands, or shows a rate that is off by several per cent."""
-    data = _rows(np.ones(400, dtype=bool))
-    data["t"] = np.floor((1.79e9 + data["t"]) / tick) * tick
-    assert cli.main(["check", str(write(tmp_path / "a.csv", data))]) == 2
-    assert f"'t': time stands: 400 rows have {ticks} different stamps" in capsys.readouterr().err
-
-
 def test_a_long_gap_splits_the_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing is made up across a tenth of a second; the two parts have names of their own."""
     keep = np.delete(np.arange(400), np.arange(150, 170))

@@ -42,7 +42,7 @@ def test_hidden_effects_are_read_with_place_and_size() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("texts", "said"),
     [
         ("coil_daed=RL", "there is no effect 'coil_daed'"),
         ("coulomb_friction=0.6", "where? write coulomb_friction=PLACE:SIZE; places: FL_hip"),
@@ -50,19 +50,14 @@ def test_hidden_effects_are_read_with_place_and_size() -> None:
         ("trunk_mass=heavy", "write trunk_mass=SIZE"),
         ("trunk_mass=90", "90 kg; allowed: -5 to 20 kg"),
         ("coil_dead=RL:3", "it has no size; write coil_dead=PLACE"),
+        ("kp=FL:0.9 kp=FL_hip:0.8", "FL_hip is named twice"),
     ],
 )
-def test_what_cannot_be_hidden_is_refused(text: str, said: str) -> None:
+def test_what_cannot_be_hidden_is_refused(texts: str, said: str) -> None:
     """In one line with the remedy."""
     with pytest.raises(ValueError, match="--hide") as refused:
-        parse_hidden(text, PLACES)
+        parse_all(texts.split(), PLACES)
     assert said in str(refused.value)
-
-
-def test_one_effect_twice_at_a_place_is_refused() -> None:
-    """The second would be lost."""
-    with pytest.raises(ValueError, match="FL_hip is named twice"):
-        parse_all(["kp=FL:0.9", "kp=FL_hip:0.8"], PLACES)
 
 
 @pytest.fixture(scope="module")

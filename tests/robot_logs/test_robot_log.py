@@ -259,24 +259,18 @@ def test_a_wheel_may_turn_on_and_on(tmp_path: Path) -> None:
     assert load_log(write(tmp_path, header, columns)).runs
 
 
-def test_check_explains_a_log_or_refuses_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_explains_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """``mrwarp check`` knows a robot's log by its log.json."""
     write(tmp_path, *good())
     assert main(["check", str(tmp_path)]) == 0
     assert "two.xml, base free" in capsys.readouterr().out
-    (tmp_path / "log.json").write_text("{")
-    assert main(["check", str(tmp_path)]) == 2
-    assert "is no JSON" in capsys.readouterr().err
 
 
 def test_diagnose_refuses_a_robot_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Named by the log, or by --robot; nothing is written."""
+    """Named by the log; nothing is written."""
     write(tmp_path / "log", *good())
-    for words in ([], ["--robot", str(tmp_path / "no.xml")]):
-        assert main(["diagnose", str(tmp_path / "log"), *words, "--out", str(tmp_path / "out")]) == 2
-        err = capsys.readouterr().err
-        place, remedy = ("no.xml", "name its file") if words else ("two.xml", "--robot")
-        assert place in err and remedy in err and "Traceback" not in err
+    assert main(["diagnose", str(tmp_path / "log"), "--out", str(tmp_path / "out")]) == 2
+    assert has_parts(capsys.readouterr().err, "two.xml .. --robot")
     assert not (tmp_path / "out").exists()
 
 

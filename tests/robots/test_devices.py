@@ -115,16 +115,3 @@ def test_a_robot_without_devices_steps(plain: Callable[[], str]) -> None:
     env = WalkEnv(TaskCfg(num_envs=2, robot=plain()))
     _, reward, _, _ = env.step(torch.zeros(2, env.num_actions))
     assert not env.actuator.mr_joints and bool(torch.isfinite(reward).all())
-
-
-def test_a_scale_by_the_limit_is_the_papers_devices(
-    plain: Callable[[], str], capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """Another device was made for a joint that nobody named."""
-    model = tmp_path / "model.json"
-    model.write_text("{}")
-    line = ["robot", "fit-device", plain(), "--joint", "*", "--model", str(model), "--scale", "limit"]
-    assert main(line) == 2
-    assert "--scale limit" in capsys.readouterr().err
-    assert main([*line[:-1], "big"]) == 2
-    assert "--scale: 'big' is not a number; or say limit" in capsys.readouterr().err

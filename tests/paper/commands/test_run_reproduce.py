@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.run_dir import claim
 from paper.reproduce import cache
 from paper.reproduce import registry as catalogue
 from paper.reproduce.comparison import Findings
@@ -98,17 +97,6 @@ def test_what_is_not_made_is_no_success(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setitem(catalogue.CATALOGUE, "fig5", replace(catalogue.CATALOGUE["fig5"], compute=wait))
     assert main(["reproduce", "fig5", "--out", str(tmp_path)]) == 1
     assert json.loads((tmp_path / "result.json").read_text())["parts"]["fig5"]["status"] == "waiting"
-
-
-def test_a_folder_that_cannot_be_used_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    """A file in its place, and one that another process writes to: exit code 2, one line."""
-    (tmp_path / "file").write_text("mine")
-    assert main(["reproduce", "fig5", "--out", str(tmp_path / "file")]) == 2
-    assert "file: cannot be written (it is a file); free it or name another --out" in capsys.readouterr().err
-    with claim(tmp_path / "out"):
-        assert main(["reproduce", "fig5", "--out", str(tmp_path / "out")]) == 2
-    assert "out: another run writes here; wait for it" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
