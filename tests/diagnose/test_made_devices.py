@@ -1,17 +1,12 @@
 """Whole diagnoses of made-up devices with physics of their own: a geared brake, a servo with a pendulum."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.confusion.case import make_case
-from benchmarks.confusion.current import Current
-from benchmarks.confusion.effects import Effect
-from benchmarks.confusion.motion import Motion
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.recording.load import load_recording
 
@@ -75,38 +70,19 @@ def test_a_geared_brake_has_play_and_a_spring(tmp_path: Path) -> None:
     assert found.extended.nrmse < 0.02
 
 
-def turning_at_once(seed: int) -> Motion:
-    """Twelve runs of 4 s at 200 Hz, triangles rounded over 5 ms with four steps of the current each, at 10 kHz."""
-    rng, fine = np.random.default_rng(seed), 1e-4
-    t = np.arange(799 * 50 + 1) * fine
-    size, turn = rng.uniform(0.1, 0.4, (2, 12, 1)) * [[[1.0]], [[5.0]]]
-    q = size * 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * turn * t + rng.uniform(0.0, 6.0, (12, 1))))
-    q = gaussian_filter1d(q, 0.005 / fine, axis=1, mode="nearest")
-    edges = np.concatenate([np.zeros((12, 1)), np.sort(rng.uniform(0.2, 4.0, (12, 4)), axis=1)], axis=1)
-    return Motion(
-        kind=("triangle",) * 12,
-        rate=200.0,
-        substeps=50,
-        q=q,
-        qd=np.gradient(q, fine, axis=1),
-        command=Current.steps(list(edges), list(rng.uniform(0.0, 1.5, (12, 5)))),
-        start=np.arange(12) * 14.0,
-    )
-
-
 @pytest.mark.parametrize(("gap", "velocity"), [(1e-3, True), (4e-3, True), (1e-3, False)])
 def test_play_is_sized_where_a_joint_turns_round_at_once(gap: float, velocity: bool) -> None:
     """A brake behind play, by other code at 10 kHz: the interval holds the half-gap, which is within an encoder's step.
 
     A smoother of 25 Hz knows no step's way there by less than 0.5 mrad, and names no play of 1 mrad.
     """
-    case = make_case("none", level=0.0, seed=21, size="small", truth_rate=1e4, velocity=velocity)
-    hidden = case.device.with_effects({"backlash": Effect(strength=gap, draws={})})
-    recording = replace(case, device=hidden).record(turning_at_once(21), stream=3)
-    [cause] = diagnose(recording, effects=("backlash",)).causes
+    about = {"strengths": {"backlash": gap}, "motion": "triangles", "truth_rate": 1e4, "velocity": velocity}
+    case = make_case("backlash", level=0.0, seed=21, size="small", **about)
+    truth = case.truth.parameters["backlash"]["value"]
+    [cause] = diagnose(case.recording, effects=("backlash",)).causes
     low, high = cause.parameters["half_gap"].ci95 or (0.0, 0.0)
-    assert low < gap < high
-    assert cause.parameters["half_gap"].value == pytest.approx(gap, abs=case.noise.encoder)
+    assert low < truth < high
+    assert cause.parameters["half_gap"].value == pytest.approx(truth, abs=case.noise.encoder)
 
 
 def servo(folder: Path, rng: np.random.Generator) -> None:
