@@ -209,8 +209,8 @@ def test_strengths_are_hidden_together_and_a_triangle_turns_round_at_once() -> N
         stated, again = (x.truth.parameters[name] for x in (case, other))
         assert typical / 1.25 <= stated["value"] <= 1.25 * typical and stated["value"] != again["value"]
         assert stated["level"] is None
-    qd, apart = case.motion.qd / np.abs(case.motion.qd).max(axis=1, keepdims=True), 4 * case.motion.substeps
-    assert ((qd[:, :-apart] > 0.9) & (qd[:, apart:] < -0.9)).any(axis=1).all()
+    qd, separate = case.motion.qd / np.abs(case.motion.qd).max(axis=1, keepdims=True), 4 * case.motion.substeps
+    assert ((qd[:, :-separate] > 0.9) & (qd[:, separate:] < -0.9)).any(axis=1).all()
     for family, kinds in (("none", ()), ("single", ("backlash",))):
         with pytest.raises(ValueError, match="strengths are of family 'single'"):
             Plan(family=family, kinds=kinds, strengths=(("backlash", 1e-3),))

@@ -303,7 +303,7 @@ REFUSED: dict[str, tuple[tuple[str, str] | bytes, str]] = {
         "not readable as USD: the text is not UTF-8; repair the file there",
     ),
 }
-"""What is wrong with a robot's file, and prim, attribute, value and remedy in the message."""
+"""Faults of a robot's file, and prim, attribute, value and remedy in the message."""
 
 
 @pytest.mark.parametrize("what", REFUSED)
