@@ -158,8 +158,13 @@ def run(root: Path, code: str) -> str:
 
 
 def test_an_effect_and_a_law_act_in_the_kernels_are_searched_and_stored(extended: Path) -> None:
-    """One file and one line each. Then the effect's sign is edited: the kernels are compiled again."""
+    """One file and one line each."""
     run(extended, EFFECT_AND_LAW.replace("SIGN", "1.0"))
+
+
+@pytest.mark.slow
+def test_an_edited_effect_is_compiled_again(extended: Path) -> None:
+    """With the other sign of its torque."""
     file = extended / "mrwarp" / "effects" / "end_stop.py"
     file.write_text(
         file.read_text(encoding="utf-8").replace("s.torque + values", "s.torque - values"), encoding="utf-8"
