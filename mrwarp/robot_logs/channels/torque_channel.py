@@ -1,6 +1,7 @@
 """Whether a log's torque channel is a torque: its regression on what rigid bodies need, by gravity and by inertia.
 
-One regression per joint, with parts of the log as the units of chance. A channel that is no torque in
+One regression per joint, with parts of the log as the units of chance. A robot that floats moves in ways that no rigid
+body's torque is known for: its channel is compared with what commands ask for. A channel that is no torque in
 N·m, or follows nothing, is left out with the reason; smaller contradictions are causes of the channel, which the
 likelihood weighs against all others.
 """
@@ -12,12 +13,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, SPEAKS, STANDSTILL, UNLIKE
 from mrwarp.robot_logs.causes.places import torque_scale
-from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
+from mrwarp.robot_logs.channels.joint_torque import JointTorques, asked_torque, torques_along
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.robot_log import RobotLog, reads_torque
+from mrwarp.robot_logs.robot_log import LogRun, RobotLog, reads_torque
 from mrwarp.sysid.jackknife import jackknife, student
 from mrwarp.sysid.left_out import in_a_row
 
@@ -56,25 +58,55 @@ def regressed(y: np.ndarray, references: Sequence[np.ndarray], others: Sequence[
 
 def consistent(model: ReplayModel, log: RobotLog) -> RobotLog:
     """The log without torque channels that are no torque, each with a note of what it is and the remedy."""
-    if model.free or not any(reads_torque(log, run) for run in log.runs):
+    runs = [run for run in log.runs if reads_torque(log, run)]
+    if not runs:
         return log
-    along = [torques_along(model, log, run, SMOOTHED) for run in log.runs if reads_torque(log, run)]
-    wrong = {}
-    for j, joint in enumerate(log.joints):
-        if text := _contradiction(model, log, along, j):
-            wrong[joint] = text
+    if model.free:
+        wrong = _unlike_commands(model, log, runs)
+    else:
+        along = [torques_along(model, log, run, SMOOTHED) for run in runs]
+        every = {joint: _contradiction(model, log, along, j) for j, joint in enumerate(log.joints)}
+        wrong = {joint: text for joint, text in every.items() if text}
     if not wrong:
         return log
     out = [log.joints.index(joint) for joint in wrong]
-    runs = []
+    left = []
     for run in log.runs:
         tau = run.joint.get("tau")
         if tau is not None:
             tau = tau.copy()
             tau[:, out] = np.nan
-        runs.append(run if tau is None else replace(run, joint={**run.joint, "tau": tau}))
-    notes = [f"tau of {joint} {text}; it is left out" for joint, text in wrong.items()]
-    return replace(log, runs=tuple(runs), notes=(*log.notes, *notes))
+        left.append(run if tau is None else replace(run, joint={**run.joint, "tau": tau}))
+    groups: dict[str, list[str]] = {}
+    for joint, text in wrong.items():
+        groups.setdefault(text, []).append(joint)
+    notes = [f"tau of {', '.join(joints)} {text}; it is left out" for text, joints in groups.items()]
+    return replace(log, runs=tuple(left), notes=(*log.notes, *notes))
+
+
+def _unlike_commands(model: ReplayModel, log: RobotLog, runs: Sequence[LogRun]) -> dict[str, str]:
+    """Joints whose channel cannot be the torque that commands ask for, each with the reason."""
+    pairs = []
+    for run in runs:
+        speed = run.joint["qd"] if "qd" in run.joint else np.gradient(run.joint["q"], run.t, axis=0)
+        asked, size = asked_torque(log, run, np.nan_to_num(speed)), max(1, round(SMOOTHED / run.dt))
+        pairs.append(uniform_filter1d(np.stack([run.joint["tau"], asked]), size, axis=1))
+    read, asked = np.concatenate(pairs, axis=1)
+    sizes: dict[int, float] = {}
+    for j, (y, x) in enumerate(zip(read.T, asked.T, strict=True)):
+        if np.isfinite(y).all() and x.std() > SPEAKS * torque_scale(model, log, j):
+            fit = regressed(y, [x], [], model.settings.robot.parts)
+            if fit.explained > EXPLAINED and abs(fit.value[0]) > fit.half[0]:
+                sizes[j] = float(fit.value[0])
+    other = [size for size in sizes.values() if size > 0.0 and not 1.0 / UNLIKE < size < UNLIKE]
+    turned = "turns the other way than what commands ask for: change its sign"
+    span = dict.fromkeys(f"{f(other, default=0.0):.2g}" for f in (min, max))
+    unit = (
+        f"is {' to '.join(span)} times what targets and gains ask for: a "
+        "current or a percentage, not N·m, or gains of another unit; convert it, declare its unit in units, or write "
+        '"tau_is": "none"'
+    )
+    return {log.joints[j]: turned if size < 0.0 else unit for j, size in sizes.items() if size < 0.0 or size in other}
 
 
 def _contradiction(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j: int) -> str:

@@ -10,7 +10,7 @@ import pytest
 from mrwarp.robot_logs.channels.joint_torque import gravity_along, torques_along
 from mrwarp.robot_logs.channels.torque_channel import consistent, regressed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
-from mrwarp.robot_logs.robot_log import RobotLog, load_log
+from mrwarp.robot_logs.robot_log import LogRun, RobotLog, load_log
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from tests.robot_logs.arm_log import heavy_arm
 
@@ -51,7 +51,7 @@ def test_a_regression_s_interval_holds_the_truth() -> None:
         (lambda tau: tau * [1.0, 0.07, 1.0], "tau of j2 is 0.07"),
         (lambda tau: tau * [1.0, 1.0, 14.0], "tau of j3 is 14"),
         (lambda tau: tau * [1.0, -1.0, 1.0], "tau of j2 turns the other way"),
-        (lambda tau: np.random.default_rng(0).normal(0.0, 2.0, tau.shape), "tau of j2 does not follow"),
+        (lambda tau: np.random.default_rng(0).normal(0.0, 2.0, tau.shape), "tau of j1, j2, j3 does not follow"),
         (lambda tau: tau + [0.0, 0.0, 3.0], ""),
         (lambda tau: tau * 0.7, ""),
     ],
@@ -68,8 +68,28 @@ def test_a_channel_that_is_no_torque_is_left_out(
     assert bool(notes) == bool(said) and all("left out" in note for note in notes)
     assert not said or any(note.startswith(said) for note in notes), notes
     for note in notes:
-        k = log.joints.index(note.split()[2])
+        k = log.joints.index(note.split()[2].strip(","))
         assert all(np.isnan(run.joint["tau"][:, k]).all() for run in seen.runs)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(1.0, ""), (0.6, ""), (100.0 / 24.0, " is 4.1 times what targets"), (-1.0, "turns the other way")],
+    ids=["healthy", "weak", "percent", "sign"],
+)
+def test_a_floating_robot_s_torque_is_what_commands_ask_for(factor: float, said: str) -> None:
+    """No rigid body's torque is known for it; of two joints one is changed, and only that one's channel goes."""
+    t, kp, kd = 0.005 * np.arange(1500), np.array([30.0, 40.0]), np.array([0.5, 0.6])
+    target = np.stack([0.3 * np.sin(2.0 * t), 0.4 * np.cos(3.0 * t)], axis=1)
+    q = np.stack([0.28 * np.sin(2.0 * t - 0.1), 0.37 * np.cos(3.0 * t - 0.1)], axis=1)
+    qd = np.gradient(q, t, axis=0)
+    tau = (kp * (target - q) - kd * qd + np.random.default_rng(0).normal(0.0, 0.2, q.shape)) * [1.0, factor]
+    run = LogRun(id="walk", t=t, joint={"q": q, "qd": qd, "q_des": target, "tau": tau})
+    joints = ("FL_hip", "FL_calf")
+    log = RobotLog(path=Path("log"), robot="", base="free", joints=joints, kp=kp, kd=kd, tau_is="measured", runs=(run,))
+    seen = consistent(replay_model(Path("mr_go"), log), log)
+    assert [said in note and note.startswith("tau of FL_calf ") for note in seen.notes] == [True] * bool(said)
+    assert np.isfinite(seen.runs[0].joint["tau"]).all(axis=0).tolist() == [True, not said]
 
 
 def test_gravity_and_rigid_torques_are_those_of_the_links(measured: tuple[ReplayModel, RobotLog]) -> None:
