@@ -22,7 +22,7 @@ from mrwarp.sysid.certainty import gain_and_t
 LAG = "lag"
 """Form of the functions that are the torque behind lags."""
 _FINE = 14
-"""Highest number of periods over the range of the angle that the fine structure resolves."""
+"""Highest number of periods that the fine structure resolves over the range of the angle, or in each of its turns."""
 _BINS = 24
 """Half of the bins over which the background of a line is taken."""
 
@@ -135,14 +135,16 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray, unchan
     quick = current - _low_pass(current, m, 0.02)
     heat, heat_slow = (m.heat[k] / max(float(m.heat[k].max()), 1e-12) for k in (2, 4))
     q_powers, current_powers = ({k: _chebyshev(x, k) for k in range(1, 6)} for x in (q, 2 * current - 1))
-    phase = np.pi * (q + 1.0)
-    fine = [f(k * phase) for k in range(3, _FINE + 1) for f in (np.sin, np.cos)]
+    turning = r.turns >= 1.0  # then what depends on the angle comes again with every turn
+    phase = m.q / r.radian if turning else np.pi * (q + 1.0)
+    fine = [f(k * phase) for k in range(1 if turning else 3, _FINE + 1) for f in (np.sin, np.cos)]
+    along = fine[:4] if turning else list(q_powers.values())
     slow_v = [
         f(m.qd / (w * r.qd)) for w in (0.03, 0.1, 0.25) for f in (lambda x: x / (1 + x**2), lambda x: 1 / (1 + x**2))
     ]
     creep = [_low_pass(x, m, w) for w in (0.1, 0.4, 1.5, 5.0) for x in (h, hi)]
-    q_current = [q_powers[k] * current_powers[j] for k in (1, 2, 3, 4, 5) for j in (1, 2)]
-    q_current += [q_powers[k] * current for k in (2, 3, 4, 5)]
+    q_current = [f * current_powers[j] for f in along for j in (1, 2)]
+    q_current += [f * current for f in (along if turning else along[1:])]
     functions: list[tuple[tuple[str, ...], str, list[np.ndarray]]] = [
         (("q",), "smooth", [q_powers[k] for k in range(2, 6)]),
         (("q",), "periodic", fine),
@@ -155,11 +157,11 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray, unchan
         (("memory",), "loop shape", [h * np.abs(h), h**2, h**3, hi * np.abs(h), hi * h, hi * h * h]),
         (("memory",), "creep", creep),
         (("memory",), LAG, [tau - _low_pass(tau, m, w) for w in (0.005, 0.015)]),
-        (("q", "qd"), "product", [q_powers[k] * f for k in (1, 2, 3) for f in (v, a, v * a)]),
+        (("q", "qd"), "product", [f * g for f in along[: 4 if turning else 3] for g in (v, a, v * a)]),
         (("q", "current"), "product", q_current),
         (("qd", "current"), "product", [f * g for f in (v, a, v * a, sign) for g in (current, current**2)]),
         (("qd", "memory"), "loop", [f * g for f in (h, hi) for g in (a, v**2, v, sign)]),
-        (("q", "memory"), "loop", [q_powers[k] * f for k in (1, 2, 3, 4) for f in (h, hi)]),
+        (("q", "memory"), "loop", [f * g for f in along[:4] for g in (h, hi)]),
         (("time",), "drift", [time * h, time * hi, time * v, time * sign, time**2 * hi]),
         (("time",), "warming", [w * f for w in (heat, heat_slow) for f in (h, hi, v)]),
     ]

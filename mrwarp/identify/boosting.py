@@ -55,9 +55,12 @@ def chosen_samples(motion: Motion, weight: np.ndarray, limit: int) -> np.ndarray
 def features(motion: Motion, at: np.ndarray, extra: Sequence[np.ndarray] = ()) -> np.ndarray:
     """Angle, velocity, acceleration, current, their past and the path since the last reversals, shape (len(at), F).
 
+    Of a joint that turns all the way round, where it stands within a turn, too.
     ``extra`` are more signals, each of shape (N,), such as a simulated torque.
     """
     now = [motion.q, motion.qd, motion.qdd, motion.current, *extra, *_reversals(motion)]
+    if motion.ranges.turns >= 1.0:
+        now += [f(motion.q / motion.ranges.radian) for f in (np.sin, np.cos)]
     varies = [x for x in now if np.ptp(x) > 0.0]
     run = np.searchsorted(motion.start, at, side="right") - 1
     first, dt = motion.start[run], motion.dt[run]

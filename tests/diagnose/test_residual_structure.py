@@ -43,6 +43,21 @@ def test_groups_are_finite_named_and_not_constant() -> None:
     assert {name for g in found for name in g.variables} == WORDS
 
 
+def test_what_depends_on_the_angle_of_a_turning_joint_comes_again_each_turn() -> None:
+    """A gap that is wider at one side of a brake, seen over five turns, is in the span of a group of angle and loop."""
+    motion = known.motion(2, runs=4, seconds=2.0)
+    far = 5.0 * 2.0 * np.pi / np.ptp(motion.q)
+    turning = dataclasses.replace(
+        motion, q=far * motion.q, ranges=dataclasses.replace(motion.ranges, q=10.0 * np.pi, turns=5.0, radian=1.0)
+    )
+    wobble = np.cos(turning.q + 1.0) * np.tanh(3.0 * motion.qd) * (0.4 + motion.current)
+    missed = {}
+    for group in groups(turning):
+        fitted = np.linalg.lstsq(group.rows.T, wobble, rcond=None)[0] @ group.rows
+        missed[group.variables] = min(missed.get(group.variables, 1.0), np.std(wobble - fitted) / np.std(wobble))
+    assert min(missed, key=lambda key: missed[key]) == ("q", "memory") and missed["q", "memory"] < 1e-6
+
+
 def test_a_zero_that_drifts_is_a_line_in_time() -> None:
     """Its size and its share are those of the line; samples that do not count, and the runs' own zeros, do not act."""
     motion = known.motion(2, runs=3, seconds=4.0)
