@@ -37,7 +37,8 @@ _NEVER = "at no size in its range would it stand out from what eq. 14 takes up a
 _NO_FIELD = "the control input is a load or a pressure, which makes no magnetic field"
 _UNCHANGING = "the control input is the same throughout"
 _TAKEN_UP = "re-fitting eq. 14 takes it up without a trace; only nominal parameters (--model) can show it"
-"""Why effects show at no size."""
+_SUSPECT = "it is a suspect: these data leave open whether it is there"
+"""Why no size of an effect would have shown for sure."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,6 +263,9 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
             p = CATALOGUE[name].parameters[0]
             unit = effect_unit(p, found.problem.units)
             visible[name] = Value(value=size * factor_of(p, scales), ci95=(0.0, 0.0), unit=unit)
+    open_questions = {x.effect for x in found.rejected} & set(visible)
+    visible = {name: value for name, value in visible.items() if name not in open_questions}
+    invisible |= dict.fromkeys(open_questions, _SUSPECT)
     invisible |= {name: _TAKEN_UP for name, law in CATALOGUE.items() if law.kind == "calibration"}
     problem = found.problem
     invisible |= dict.fromkeys(problem.impossible, _UNCHANGING if problem.unchanging else _NO_FIELD)

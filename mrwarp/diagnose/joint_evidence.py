@@ -157,13 +157,15 @@ def selected_by_evidence(models: Models, screened: list[Candidate], log: Progres
 def judged_by_evidence(
     models: Models, selection: Selection, screened: Sequence[Candidate], log: Progress = lambda text: None
 ) -> Judged:
-    """A finished search next to what has no name: causes that may be a piece of it are taken out.
+    """A finished search next to what has no name: causes that may be a piece of it are taken out, likely ones enter.
 
-    Where some of a body's mechanics was found, the rest of it may enter: it may add little, as a weight does of which C
-    takes up most.
+    Next to a body's mechanics no lag and no spring may enter: what an acceleration is off by, times a large inertia,
+    looks like one.
     """
     body = any(CATALOGUE[effect].mechanics for effect in models.added(selection.final))
-    plant = JointPlant(models, [c for c in screened if body and CATALOGUE[c.effect].mechanics])
+    laws = {c.effect: CATALOGUE[c.effect] for c in screened}
+    bent = {effect for effect, law in laws.items() if body and (law.rounds_corners or law.yields)}
+    plant = JointPlant(models, [c for c in screened if c.effect not in bent])
     settings = models.problem.settings
     found = searched_by_evidence(plant, settings.odds, settings.gain, begin=selection.final)
     if found.suspects:

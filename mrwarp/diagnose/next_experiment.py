@@ -33,6 +33,8 @@ from mrwarp.sysid.verdict import NextExperiment
 
 _SLAB = 24
 """Sizes whose signals share one table."""
+_SURE = norm.ppf(0.95)
+"""Standard deviations that 19 of 20 additions stay above: a gain that is found is the square of a normal number."""
 
 _RUN = (3.0, 10.0)
 """Shortest and longest run [s]."""
@@ -349,7 +351,8 @@ def smallest_sizes(
 
     The effect's torque at several sizes is put on top of what was measured, without what the model's own numbers take
     up of it. It has to stand out of the noise in 19 of 20 such additions, and also to show next to what has no name: so
-    many times as much as needed. None for an effect that does not at any size in its range.
+    many times as much as needed, and in so many trajectories that the last gate lets it pass. None for an effect that
+    does not at any size in its range.
     """
     models, points = [(fit.parameters, fit.x)], []
     for effect in effects:
@@ -360,17 +363,33 @@ def smallest_sizes(
     tau = simulate(problem.replay, models)
     curves: dict[str, list[tuple[float, float]]] = {}
     least = threshold(problem, fit)
+    need = (np.sqrt(least) + _SURE) ** 2
     for first in range(0, len(points), _SLAB):
         some = points[first : first + _SLAB]
         rows = tau[1 + first : 1 + first + len(some)] - tau[0]
         equations, odds = problem.equations([fit.slopes, rows], fit.torque), shows(fit, rows)
         for target, (effect, size) in enumerate(some, start=len(fit.slopes)):
             _, inside, _ = losses(equations, fit.free, target)
-            gain = min(float(inside.sum()), float(odds[target - len(fit.slopes)]) * least)
+            gain = min(float(inside.sum()), float(odds[target - len(fit.slopes)]) * least, need / _through_gate(inside))
             curves.setdefault(effect, []).append((size, max(gain, 1e-12)))
-    # the gain that is found scatters about the gain that is there, as the square of a normal number of this mean
-    ranges, need = problem.motion.ranges, (np.sqrt(least) + norm.ppf(0.95)) ** 2
+    ranges = problem.motion.ranges
     return {effect: _crossing(curve, need, slots_of(effect)[0].parameter, ranges) for effect, curve in curves.items()}
+
+
+def _through_gate(gains: np.ndarray) -> float:
+    """Factor by which an effect's gains in T trajectories, (T,), must grow to pass the last gate in 19 of 20 additions.
+
+    The gate asks that the gain's interval over trajectories is clear of zero. A trajectory's gain scatters by the
+    noise, as g + 2*sqrt(g)*e with a normal e, and from one to the next by what the motions show. Infinite where too few
+    trajectories show the effect, however large it is.
+    """
+    total = max(float(gains.sum()), 1e-300)
+    wide = norm.ppf(0.975)
+    between, within, sure = wide**2 * float(((gains - gains.mean()) ** 2).sum()), 4.0 * wide**2 * total, 2.0 * _SURE
+    rises, least = total**2 - between, sure * np.sqrt(total)
+    if rises <= 1e-9 * total**2:
+        return np.inf
+    return float((total * least + np.sqrt((total * least) ** 2 + rises * (within - least**2))) / rises) ** 2
 
 
 def _at_sizes(problem: Problem, fit: Fit, effect: str) -> list[tuple[float, tuple[Parameters, np.ndarray]]]:

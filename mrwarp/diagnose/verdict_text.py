@@ -214,6 +214,9 @@ def sentence_of(d: Diagnosis) -> str:
             parts.insert(0, f"mostly unknown: {percent(d.extended.nrmse, 0)} of the torque is not predicted")
     if d.account is not None and d.account.open:
         parts.append(_what_repeats(d.account))
+    likely = [s.name for s in d.suspects if s.possible]
+    if not parts and likely:
+        parts.append(f"no cause is proven, but these data do not rule out {either(likely)}")
     if not parts:
         parts.append("nothing is missing that these data could show")
     for s in d.parameter_shift:

@@ -164,9 +164,9 @@ class _Search(Generic[Model, Cause]):
         """Log odds of a cause without any nameless structure, and whether it may be a part of such structure.
 
         It may where it adds nothing to the structure that suits the model without it, takes less than half of what that
-        takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. What a
-        cause that was not proven before adds to such structure is no proof. The variances are learned without the
-        cause: it may not have shaped what it is judged by.
+        takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. One
+        that was not proven before has to be as likely as such structure; what it adds to that is no proof. The
+        variances are learned without the cause: it may not have shaped what it is judged by.
         """
         if (key := (self.model, cause)) not in self._judged:
             self._judged[key] = self._judge(cause)
@@ -181,8 +181,8 @@ class _Search(Generic[Model, Cause]):
         odds, adds = alone - nothing, min(alone - nothing, both - nameless)
         left = [float(self.compared.signals(x).grams[:, -1, -1].sum()) for x in (without, self.model)]
         half, enters = self.gain.half, self.odds.enters
-        adds_enough = adds >= enters and (self.proven is None or cause in self.proven)
-        part = not adds_enough and odds < max(enters, half * (nameless - nothing))
+        proven = self.proven is None or cause in self.proven
+        part = not (proven and adds >= enters) and odds < max(enters, (half if proven else 1.0) * (nameless - nothing))
         return odds, part and left[1] > half * left[0]
 
     def with_nameless(self, model: Model) -> float:
