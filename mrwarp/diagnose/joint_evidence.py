@@ -14,6 +14,7 @@ from mrwarp.diagnose.residual_structure import Group, Leftover, groups_along, le
 from mrwarp.diagnose.screening import Candidate, Models, lacking_together
 from mrwarp.diagnose.search import Selection, expected_in
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.law import EffectLaw
 from mrwarp.identify.dataset import rms
 from mrwarp.identify.parameters import LINEAR
 from mrwarp.identify.projection import Progress
@@ -159,13 +160,9 @@ def judged_by_evidence(
 ) -> Judged:
     """A finished search next to what has no name: causes that may be a piece of it are taken out, likely ones enter.
 
-    Next to a body's mechanics no lag and no spring may enter: what an acceleration is off by, times a large inertia,
-    looks like one.
+    No lag, delay or spring enters: what any law is off by in time looks like one.
     """
-    body = any(CATALOGUE[effect].mechanics for effect in models.added(selection.final))
-    laws = {c.effect: CATALOGUE[c.effect] for c in screened}
-    bent = {effect for effect, law in laws.items() if body and (law.rounds_corners or law.yields)}
-    plant = JointPlant(models, [c for c in screened if c.effect not in bent])
+    plant = JointPlant(models, [c for c in screened if not _later(CATALOGUE[c.effect])])
     settings = models.problem.settings
     found = searched_by_evidence(plant, settings.odds, settings.gain, begin=selection.final)
     if found.suspects:
@@ -173,6 +170,11 @@ def judged_by_evidence(
     if found.model is not selection.final:
         selection = replace(selection, final=found.model, leftovers=[])
     return _judged(plant, found, selection)
+
+
+def _later(law: EffectLaw) -> bool:
+    """Whether an effect is that something happens later."""
+    return law.rounds_corners or law.yields or law.needs == "command"
 
 
 def _as_steps_say(selection: Selection, model: Fit, excluded: str | None, undecided: str | None) -> Selection:

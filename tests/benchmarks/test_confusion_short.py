@@ -71,3 +71,12 @@ def test_a_joint_without_a_device_has_its_weight_and_its_lag(index: int, named: 
     """An arm in swings of half a radian, whose weight C takes up; a geared motor, whose lag looks like a softer law."""
     case = run_case(Plan(family="mechanics", level=0.1, seed=45), index)
     assert case["outcome"] == "right" and {"rotor_inertia", named} <= {cause["name"] for cause in case["causes"]}
+
+
+@pytest.mark.slow
+def test_a_second_cause_that_the_search_leaves_out_enters_by_its_evidence() -> None:
+    """Wear, viscosity and saturation next to a larger cause: on twelve short runs their errors say little."""
+    plan = Plan(family="pairs", level=0.8, seed=9971, size="small")
+    for index in (4, 8, 11):
+        case = run_case(plan, index)
+        assert case["outcome"] == "right", (case["kinds"], case["verdict"], case["remark"])
