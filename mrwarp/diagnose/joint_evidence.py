@@ -219,7 +219,7 @@ def _with_evidence(plant: JointPlant, found: Found[Fit, str], selection: Selecti
         selection,
         final=final,
         own_gain=gains,
-        alternatives={e: selection.alternatives.get(e, ()) for e in gains},
+        alternatives={e: selection.alternatives.get(e) or found.rivals.get(e, ()) for e in gains},
         leftovers=selection.leftovers or leftovers(plant.problem, final),
         odds={e: found.odds.get(e, 0.0) for e in gains},
         nameless=tuple(Leftover(plant.groups[g], 2.0 * max(found.nameless[g], 0.0), np.inf) for g in order),

@@ -58,7 +58,7 @@ class Found(Generic[Model, Cause]):
     odds: dict[Cause, float]
     """Log odds of each cause against the model without it."""
     rivals: dict[Cause, tuple[Cause, ...]]
-    """Causes that would do as well in one's place, within the odds of chance; none in a search that is judged."""
+    """Causes that would do as well in one's place, within the odds of chance; none of what was proven before."""
     suspects: dict[Cause, Model]
     """Causes that fit, but less well than as much as has no name would by chance, and the model that has them."""
     numbers: Sequence[int]
@@ -165,8 +165,9 @@ class _Search(Generic[Model, Cause]):
 
         It may where it adds nothing to the structure that suits the model without it, takes less than half of what that
         takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. One
-        that was not proven before has to be as likely as such structure; what it adds to that is no proof. The
-        variances are learned without the cause: it may not have shaped what it is judged by.
+        that was not proven before has to be as likely as such structure, and by the odds that a nameless group needs;
+        what it adds to that is no proof. The variances are learned without the cause: it may not have shaped what it is
+        judged by.
         """
         if (key := (self.model, cause)) not in self._judged:
             self._judged[key] = self._judge(cause)
@@ -181,9 +182,15 @@ class _Search(Generic[Model, Cause]):
         odds, adds = alone - nothing, min(alone - nothing, both - nameless)
         left = [float(self.compared.signals(x).grams[:, -1, -1].sum()) for x in (without, self.model)]
         half, enters = self.gain.half, self.odds.enters
-        proven = self.proven is None or cause in self.proven
-        part = not (proven and adds >= enters) and odds < max(enters, (half if proven else 1.0) * (nameless - nothing))
+        if self.is_proven(cause):
+            part = adds < enters and odds < max(enters, half * (nameless - nothing))
+        else:
+            part = odds < max(enters + 0.5 * self.gain.distinct, nameless - nothing)
         return odds, part and left[1] > half * left[0]
+
+    def is_proven(self, cause: Cause) -> bool:
+        """Whether a cause needs no more than the evidence here: all do where nothing was searched before."""
+        return self.proven is None or cause in self.proven
 
     def with_nameless(self, model: Model) -> float:
         """Score of a model with the nameless groups that it needs."""
@@ -226,11 +233,15 @@ class _Search(Generic[Model, Cause]):
 def searched_by_evidence(
     plant: EvidencePlant[Model, Cause], odds: Odds, gain: Gain, begin: Model | None = None
 ) -> Found[Model, Cause]:
-    """The causes and the nameless structure of a plant, and what would do as well, from a model with some causes."""
+    """The causes and the nameless structure of a plant, and what would do as well, from a model with some causes.
+
+    Others may enter next to these where nothing nameless is left then: what stands in for something else leaves that.
+    """
     search, suspects = _Search(plant, odds, gain), dict[Cause, Model]()
-    if begin is not None and begin is not plant.base:
+    if begin is not None:
         search.model, search.proven = begin, set(plant.causes(begin))
-        search.compared.about(begin)
+        if begin is not plant.base:
+            search.compared.about(begin)
     while True:
         before = search.model
         search.ends()
@@ -238,7 +249,7 @@ def searched_by_evidence(
         suspects |= dict.fromkeys(idle, before)
         judged = {cause: search.judge(cause) for cause in plant.causes(search.model)}
         known = {cause: gain for cause, (gain, _) in judged.items()}
-        weak = [cause for cause, (_, part) in judged.items() if part]
+        weak = [cause for cause, (_, part) in judged.items() if part or search.active and not search.is_proven(cause)]
         if not weak:
             break
         weakest = min(weak, key=lambda cause: known[cause])
@@ -246,7 +257,7 @@ def searched_by_evidence(
         search.out.add(weakest)
         search.model = plant.without(search.model, weakest)
         search.compared.about(search.model)
-    rivals = {cause: _rivals(search, cause) for cause in known} if begin is None else {}
+    rivals = {cause: _rivals(search, cause) for cause in known if begin is None or not search.is_proven(cause)}
     numbers = search.compared.signals(search.model).live
     covariance = search.compared.posterior(search.model, search.active).covariance
     return Found(
