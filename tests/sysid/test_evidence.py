@@ -189,11 +189,13 @@ def test_a_cause_that_structure_without_a_name_explains_as_well_is_a_suspect() -
         assert set(there.odds) == {"a"} and not there.suspects
 
 
-@pytest.mark.parametrize(("size", "enters"), [(0.2, False), (0.8, False), (1.3, True)])
-def test_what_only_the_evidence_lets_in_is_as_likely_as_what_has_no_name(size: float, enters: bool) -> None:
-    """A smaller cause next to a nameless one of size 1 stays where it was proven before; else it is a suspect."""
+@pytest.mark.parametrize(("size", "nameless", "enters"), [(0.2, 1.0, False), (1.3, 1.0, False), (0.2, 0.0, True)])
+def test_what_only_the_evidence_lets_in_leaves_nothing_without_a_name(
+    size: float, nameless: float, enters: bool
+) -> None:
+    """A cause next to a nameless one stays where it was proven before; else it is a suspect, unless it completes all."""
     for seed in range(4):
-        plant = lines(seed, {"a": 1.0, "b": size}, nameless=1.0)
+        plant = lines(seed, {"a": 1.0, "b": size}, nameless=nameless)
         del plant.rows["c"]
         plant.functions = plant.functions[:1]
         proven = searched_by_evidence(plant, Odds(), Gain(), begin=Line(("a", "b")))
