@@ -227,10 +227,11 @@ def _with_evidence(plant: JointPlant, found: Found[Fit, str], selection: Selecti
 
 
 def _rejections(plant: JointPlant, found: Found[Fit, str]) -> tuple[Rejection, ...]:
-    """Effects that may be a piece of what has no name."""
+    """Effects that may be a piece of what has no name; of those that only the evidence let in, the largest."""
     out = []
     for effect, model in found.suspects.items():
         gain = (plant.models.without(model, effect).total - model.total) / plant.base.total
         reason = "what has no name is likelier next to it than it is: this may be a part of that"
         out.append(Rejection(effect=effect, reason=reason, gain=max(gain, 0.0), fit=plant.models.reported(model)))
-    return tuple(out)
+    entered = sorted((x for x in out if x.effect in found.entered), key=lambda x: -x.gain)
+    return tuple(x for x in out if x not in entered[1:])

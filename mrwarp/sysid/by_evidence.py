@@ -61,6 +61,8 @@ class Found(Generic[Model, Cause]):
     """Causes that would do as well in one's place, within the odds of chance; none of what was proven before."""
     suspects: dict[Cause, Model]
     """Causes that fit, but less well than as much as has no name would by chance, and the model that has them."""
+    entered: frozenset[Cause]
+    """Of the suspects those that were not in the model from which the search began."""
     numbers: Sequence[int]
     """Places of the model's numbers that count."""
     variance: np.ndarray
@@ -266,6 +268,7 @@ def searched_by_evidence(
         odds=known,
         rivals=rivals,
         suspects=suspects,
+        entered=frozenset(cause for cause in suspects if not search.is_proven(cause)),
         numbers=numbers,
         variance=np.diag(covariance)[: len(numbers)],
         correlation=search.compared.correlation,

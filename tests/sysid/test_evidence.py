@@ -198,9 +198,9 @@ def test_what_only_the_evidence_lets_in_completes_the_model(size: float, nameles
         plant.functions = plant.functions[:1]
         proven = searched_by_evidence(plant, Odds(), Gain(), begin=Line(("a", "b")))
         unproven = searched_by_evidence(plant, Odds(), Gain(), begin=Line(("a",)))
-        assert set(proven.odds) == {"a", "b"} and not proven.suspects
+        assert set(proven.odds) == {"a", "b"} and not proven.suspects and not proven.entered
         assert set(unproven.odds) == ({"a", "b"} if enters else {"a"})
-        assert set(unproven.suspects) == (set() if enters else {"b"})
+        assert set(unproven.suspects) == unproven.entered == (set() if enters else {"b"})
 
 
 def test_a_size_that_would_show_is_found() -> None:
