@@ -258,6 +258,8 @@ def searched_by_evidence(
         suspects[weakest] = search.model
         search.out.add(weakest)
         search.model = plant.without(search.model, weakest)
+        if begin is not None and set(plant.causes(search.model)) == search.proven:
+            search.model = begin
         search.compared.about(search.model)
     rivals = {cause: _rivals(search, cause) for cause in known if begin is None or not search.is_proven(cause)}
     numbers = search.compared.signals(search.model).live
