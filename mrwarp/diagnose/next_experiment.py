@@ -33,9 +33,6 @@ from mrwarp.sysid.verdict import NextExperiment
 
 _SLAB = 24
 """Sizes whose signals share one table."""
-_SURE = norm.ppf(0.95)
-"""Standard deviations that 19 of 20 additions stay above: a gain that is found is the square of a normal number."""
-
 _RUN = (3.0, 10.0)
 """Shortest and longest run [s]."""
 _LONGEST = 36000.0
@@ -363,7 +360,8 @@ def smallest_sizes(
     tau = simulate(problem.replay, models)
     curves: dict[str, list[tuple[float, float]]] = {}
     least = threshold(problem, fit)
-    need = (np.sqrt(least) + _SURE) ** 2
+    # the gain that is found scatters about the gain that is there, as the square of a normal number of this mean
+    need = (np.sqrt(least) + norm.ppf(0.95)) ** 2
     for first in range(0, len(points), _SLAB):
         some = points[first : first + _SLAB]
         rows = tau[1 + first : 1 + first + len(some)] - tau[0]
@@ -384,8 +382,8 @@ def _through_gate(gains: np.ndarray) -> float:
     trajectories show the effect, however large it is.
     """
     total = max(float(gains.sum()), 1e-300)
-    wide = norm.ppf(0.975)
-    between, within, sure = wide**2 * float(((gains - gains.mean()) ** 2).sum()), 4.0 * wide**2 * total, 2.0 * _SURE
+    wide, normal = norm.ppf(0.975), norm.ppf(0.95)
+    between, within, sure = wide**2 * float(((gains - gains.mean()) ** 2).sum()), 4.0 * wide**2 * total, 2.0 * normal
     rises, least = total**2 - between, sure * np.sqrt(total)
     if rises <= 1e-9 * total**2:
         return np.inf

@@ -137,7 +137,7 @@ def test_products_of_small_matrices_take_one_thread(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(robot_diagnosis, "replay_model", replay_model)
     with threadpool_limits(2, "blas"), pytest.raises(LogError, match="enough"):
-        diagnose_log(Path("arm.xml"), SimpleNamespace())
+        diagnose_log(Path("arm.xml"), SimpleNamespace(notes=()))
     assert seen and set(seen) == {1}
 
 
