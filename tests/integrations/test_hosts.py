@@ -92,25 +92,37 @@ def thrown(host: Thrower, dt: float, speeds: np.ndarray = SPEEDS, seconds: float
     return Thrown(*(np.array(x) for x in zip((0.0 * speeds, speeds), *steps, strict=True)))
 
 
-def thrown_batch(inertia: float, dt: float) -> Thrower:
-    """``JointBatch`` and a plant of its own: semi-implicit Euler with the dry friction that it bounds."""
-    joints, q, qd = JointBatch(num=20, dt=dt), np.zeros(20), np.zeros(20)
+def own_plant(
+    inertia: float, dt: float, reset: Callable[[], None], bound: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> Thrower:
+    """Joints by semi-implicit Euler with dry friction of ``bound(q, qd)``, in the loop that exported files state."""
+    q, qd, load = np.zeros(20), np.zeros(20), -LOAD
 
     def throw(speeds: np.ndarray) -> None:
         nonlocal q, qd
-        joints.reset()
+        reset()
         q, qd = 0.0 * speeds, speeds
 
     def step() -> tuple[np.ndarray, np.ndarray]:
         nonlocal q, qd
-        joints.step(q, qd, CURRENT)
-        free = qd - dt * LOAD / inertia
-        bound = joints.bound()
-        qd = free + dt / inertia * np.clip(-free * inertia / dt, -bound, bound)
-        q = q + dt * qd
+        most = bound(q, qd) / inertia * dt
+        free = qd + load / inertia * dt
+        qd = free - np.clip(free, -most, most)
+        q = q + qd * dt
         return q, qd
 
     return Thrower(throw, step)
+
+
+def thrown_batch(inertia: float, dt: float) -> Thrower:
+    """``JointBatch`` and a plant of its own."""
+    joints = JointBatch(num=20, dt=dt)
+
+    def bound(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        joints.step(q, qd, CURRENT)
+        return joints.bound()
+
+    return own_plant(inertia, dt, joints.reset, bound)
 
 
 def exported(folder: str, kind: str, dt: float) -> Path:
@@ -122,22 +134,12 @@ def thrown_numpy(inertia: float, dt: float) -> Thrower:
     """The exported file of Python, in the loop that its docstring states."""
     with TemporaryDirectory() as folder:
         joints = loaded(exported(folder, "python", dt)).Joints(20)
-    q, qd, load = np.zeros(20), np.zeros(20), -LOAD
 
-    def throw(speeds: np.ndarray) -> None:
-        nonlocal q, qd
-        joints.reset()
-        q, qd = 0.0 * speeds, speeds
-
-    def step() -> tuple[np.ndarray, np.ndarray]:
-        nonlocal q, qd
+    def bound(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         joints.step(q, qd, CURRENT)
-        free = qd + load / inertia * dt
-        qd = free - np.clip(free, -joints.bound / inertia * dt, joints.bound / inertia * dt)
-        q = q + qd * dt
-        return q, qd
+        return joints.bound
 
-    return Thrower(throw, step)
+    return own_plant(inertia, dt, joints.reset, bound)
 
 
 C_LOOP = """#include <string.h>
