@@ -31,7 +31,7 @@ SEEDS = (0, 1, 2, 3, 4)
 
 POWER_PRICE = 0.002
 """Price of a watt of motors and coils for the robots of tables 6 and 7 [1/W]. The paper says of its reward terms only
-that they were matched; what a price changes is in docs/paper_table6.md."""
+that they were matched; what a price changes is in docs/paper_checks.md."""
 
 HEIGHT = -300.0
 """Weight of the squared error of the trunk's height there: with the usual -40, a robot that pays for power walks with
