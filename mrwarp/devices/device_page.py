@@ -31,15 +31,17 @@ _HEAD = """# Identified devices
 
 Real devices, identified from public recordings. The library holds numbers, no recording. `mrwarp device list` prints
 the table below, `mrwarp device show NAME` one entry. Every `--model` takes a name, and so does
-`mrwarp.load_model("NAME")`. A robot's joint takes devices in rad, A and N·m. `mrwarp device page` writes this page and
-one for each device from `models/devices`: change nothing here.
+`mrwarp.load_model("NAME")`. Only devices in rad, A and N·m can be put into a robot. `mrwarp device page` writes this
+page and one for each device from `models/devices`; [how to add one](extend.md#a-device).
 
-A number holds in the range that was recorded. Its 95 % interval comes from the fit: `-` where the data do not give one,
-or where the number was not fitted. The error on unseen runs is the RMS of measured minus predicted torque over the
-standard deviation of the measured one. Each run is predicted by a fit to the others. Law and effects were
-chosen with all runs in view. `also predicted` are recordings that had no part in that. CONTRIBUTING.md says how to add
-a device.
+A number holds in the range that was recorded. The error on unseen runs is the RMS of measured minus predicted torque
+over the standard deviation of the measured one. Each run is predicted by a fit to the others, but law and effects were
+chosen with all runs in view. `also predicted` on a device's page are recordings that had no part in that.
 """
+
+
+_NUMBERS = """Numbers of [eqs. 14, 15 and 18](../joint.md#the-equations), and of [laws](../laws.md) and effects as
+`NAME.NUMBER`. `-`: not fitted, or not given by the data."""
 
 
 def pages(devices: list[Device]) -> dict[Path, str]:
@@ -56,16 +58,18 @@ def pages_of(folder: Path) -> dict[Path, str]:
 
 
 def with_numbers(page: str) -> str:
-    """A page with the table of all numbers of a joint between its marks ``numbers``."""
+    """A page with the table of all numbers of a joint between its marks ``numbers``; the site has their ranges."""
     specs = sorted(MrParams.specs(), key=lambda spec: IN_EQUATIONS.index(spec.group))
-    rows = [
-        (f"`{s.name}`", s.doc.replace("|", "\\|"), s.unit, f"{s.default:.6g}", f"{s.low:g} to {s.high:g}", s.source)
-        for s in specs
-    ]
-    table = "\n".join(_table(("name", "meaning", "unit", "default", "range", "source"), rows))
+    rows = [(f"`{s.name}`", s.doc.replace("|", "\\|"), s.unit, f"{s.default:.6g}", _place(s.source)) for s in specs]
+    table = "\n".join(_table(("name", "meaning", "unit", "default", "source"), rows))
     before, begin, rest = page.partition("<!-- numbers -->\n")
     _, end, after = rest.partition("<!-- /numbers -->")
     return f"{before}{begin}{table}\n{end}{after}"
+
+
+def _place(source: str) -> str:
+    """The source of a number: of the paper its section alone."""
+    return source.split(",")[0] if source.startswith("paper section") else source
 
 
 def _page_of(device: Device) -> str:
@@ -74,7 +78,8 @@ def _page_of(device: Device) -> str:
     parts = [f"# {name}", "", f"{device.stated['title']} ({device.stated['kind']}). [All devices](../devices.md)", ""]
     parts += [f"![Loops of {name}](../images/devices/{name}.png)", ""]
     parts += [f"* **{fact}**: {_safe(text, fact)}" for fact, text in facts(device)]
-    return "\n".join([*parts, "", *_table(("number", "value", "95 % interval"), numbers(device.model)), ""])
+    parts += ["", _NUMBERS, "", *_table(("number", "value", "95 % interval"), numbers(device.model)), ""]
+    return "\n".join(parts)
 
 
 def _safe(text: str, name: str) -> str:

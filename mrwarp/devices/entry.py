@@ -177,7 +177,7 @@ def facts(device: Device) -> list[tuple[str, str]]:
 
 def _no_joint(device: Device) -> str:
     theirs = ", ".join(device.model.units.values())
-    return f"no: it is in {theirs}, the simulator's joints in {', '.join(JOINT_UNITS.values())}"
+    return f"no: its numbers are in {theirs}, a robot's joint takes {', '.join(JOINT_UNITS.values())}"
 
 
 def lines(device: Device) -> list[str]:

@@ -197,7 +197,7 @@ def _unexplained(result: Mapping[str, Any]) -> str:
         f"{shares['not_repeatable']} does not repeat"
     ]
     if found:
-        parts.append(f"structure along {', '.join(found['depends_on'])}: {found['form']}")
+        parts[-1] += f". What repeats follows {', '.join(found['depends_on'])} (form: {found['form']})"
     if suspects := [row["name"] for row in result["suspects"] if row.get("possible", True)]:
         parts.append(f"suspected, not proven: {', '.join(suspects)}")
     return "; ".join(parts)

@@ -304,7 +304,7 @@ TABLES = {
 }
 """Entry and identifier of the tables that a page may ask for, by their blocks' names."""
 
-ROWS = ("table2", "table3", "table6")
+ROWS = ("table2",)
 """Entries whose rows a page may ask for."""
 
 HOSTS = Path("docs/results/hosts.json")
