@@ -102,8 +102,10 @@ class JointPlant:
         rows, sizes = [np.empty((0, len(m.q)))], list[float]()
         for effect in self.causes(fit):
             bears = fit.torque - without_effect(self.problem, fit, effect)
-            shows = rms(fit.torque - self.without(fit, effect).torque)  # some of it another term takes back
-            bears *= min(1.0, shows / max(rms(bears), 1e-12))
+            others = fit.slopes[[i for i in fit.free if i not in fit.parameters.own(effect)]].astype(float)
+            gram = others @ others.T
+            taken_back = np.linalg.lstsq(gram, others @ bears, rcond=1e-9)[0] @ others
+            bears *= min(1.0, rms(bears - taken_back) / max(rms(bears), 1e-12))
             later = np.diff(bears, prepend=bears[:1])
             later[m.start[:-1]] = 0.0
             rows += [along * bears, later[None]]

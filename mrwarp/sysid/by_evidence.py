@@ -133,11 +133,12 @@ class _Search(Generic[Model, Cause]):
     def grows(self) -> bool:
         """Let the best cause or nameless group enter; False where none adds enough.
 
-        A cause comes before a group that adds up to twice as much: what is left of that then competes with it.
+        A cause comes before a group that adds up to twice as much: what is left of that then competes with it. Next to
+        what was proven before it has to add more than any group, and while nothing nameless is there.
         """
         now, causes = self.score(self.model, self.active), list[tuple[float, str, Model, Active]]()
         present = set(self.plant.causes(self.model))
-        for name, model in self.plant.grown(self.model):
+        for name, model in self.plant.grown(self.model) if self.proven is None or not self.active else ():
             new = set(self.plant.causes(model)) - present
             if not new & self.out:
                 against = self.odds.enters * (len(new) - 1)
@@ -148,7 +149,7 @@ class _Search(Generic[Model, Cause]):
         found = sorted(causes + nameless, key=lambda row: -row[0])
         self.steps.append([(name, gain) for gain, name, *_ in found[:5]])
         first = max(causes, key=lambda row: row[0], default=None)
-        if first is not None and first[0] > max(self.odds.enters, self.gain.half * best):
+        if first is not None and first[0] > (best if self.proven is not None else self.gain.half * best):
             found = [first]
         if not found or found[0][0] < self.odds.enters:
             return False
@@ -189,6 +190,18 @@ class _Search(Generic[Model, Cause]):
         else:
             part = odds < max(enters + 0.5 * self.gain.distinct, nameless - nothing)
         return odds, part and left[1] > half * left[0]
+
+    def weak(self) -> list[Cause]:
+        """Causes that may be a part of what has no name: all that entered if some is left of that, or the weakest."""
+        causes = self.plant.causes(self.model)
+        entered = [cause for cause in causes if not self.is_proven(cause)]
+        if self.active and entered:
+            return entered
+        for kind in (entered, [cause for cause in causes if cause not in entered]):
+            parts = [cause for cause in kind if self.judge(cause)[1]]
+            if parts:
+                return [min(parts, key=lambda cause: self.judge(cause)[0])]
+        return []
 
     def is_proven(self, cause: Cause) -> bool:
         """Whether a cause needs no more than the evidence here: all do where nothing was searched before."""
@@ -249,18 +262,14 @@ def searched_by_evidence(
         search.ends()
         idle = set(plant.causes(before)) - set(plant.causes(search.model)) if begin is not None else set()
         suspects |= dict.fromkeys(idle, before)
-        judged = {cause: search.judge(cause) for cause in plant.causes(search.model)}
-        known = {cause: gain for cause, (gain, _) in judged.items()}
-        weak = [cause for cause, (_, part) in judged.items() if part or search.active and not search.is_proven(cause)]
-        if not weak:
+        if not (weak := search.weak()):
             break
-        weakest = min(weak, key=lambda cause: known[cause])
-        suspects[weakest] = search.model
-        search.out.add(weakest)
-        search.model = plant.without(search.model, weakest)
-        if begin is not None and set(plant.causes(search.model)) == search.proven:
-            search.model = begin
+        suspects |= dict.fromkeys(weak, search.model)
+        search.out |= set(weak)
+        for cause in weak:
+            search.model = plant.without(search.model, cause)
         search.compared.about(search.model)
+    known = {cause: search.judge(cause)[0] for cause in plant.causes(search.model)}
     rivals = {cause: _rivals(search, cause) for cause in known if begin is None or not search.is_proven(cause)}
     numbers = search.compared.signals(search.model).live
     covariance = search.compared.posterior(search.model, search.active).covariance
