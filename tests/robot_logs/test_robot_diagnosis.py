@@ -852,9 +852,9 @@ def test_a_delay_that_is_a_fault_is_no_part_of_the_error_before() -> None:
 
 
 @pytest.mark.slow
-def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> None:
+def test_a_dead_coil_is_named_from_six_seconds_of_walking(tmp_path: Path) -> None:
     """Its current is missing, and nothing else is blamed: loads move to neighbouring legs, whose devices are well."""
-    cfg = LogCfg(robot="mr_go", motions=(("walk", 12.0),), hide=("coil_dead=RL",), policy=DEFAULT_POLICY, seed=1)
+    cfg = LogCfg(robot="mr_go", motions=(("walk", 6.0),), hide=("coil_dead=RL",), policy=DEFAULT_POLICY, seed=1)
     with contextlib.suppress(OSError):
         record(cfg, tmp_path)
     d = diagnose_log(Path("mr_go"), load_log(tmp_path))
@@ -866,7 +866,7 @@ def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> 
 @pytest.mark.slow
 def test_a_healthy_robot_that_squats_has_no_cause(tmp_path: Path) -> None:
     """No foot lifts: what lengths, inertias and floor would share is not blamed on any of them."""
-    record(LogCfg(robot="mr_go", motions=(("stand", 2.0), ("squat", 6.0)), seed=7), tmp_path)
+    record(LogCfg(robot="mr_go", motions=(("stand", 1.0), ("squat", 4.5)), seed=7), tmp_path)
     d = diagnose_log(Path("mr_go"), load_log(tmp_path))
     assert (d.verdict, d.causes) == ("none", ())
 
@@ -878,7 +878,7 @@ def test_a_weak_device_is_the_single_change_that_replays_best(tmp_path: Path) ->
     A first answer has its size to a third.
     """
     cfg = LogCfg(
-        robot="mr_go", motions=(("walk", 12.0),), hide=("device_strength=FR:0.5",), policy=DEFAULT_POLICY, seed=62001
+        robot="mr_go", motions=(("walk", 6.0),), hide=("device_strength=FR:0.5",), policy=DEFAULT_POLICY, seed=62001
     )
     record(cfg, tmp_path)
     log = load_log(tmp_path)
