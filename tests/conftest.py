@@ -15,11 +15,14 @@ import torch
 import warp as wp
 from matplotlib.figure import Figure
 
+from mrwarp import runtime
+
 # before the first kernel: Warp prints its banner and every compiled module at LOG_INFO
 wp.config.log_level = wp.LOG_WARNING
 wp.init()  # torch tensors are wrapped in some tests before anything of Warp has run
 # results and timings must not depend on how many cores the machine has
 torch.set_num_threads(1)
+runtime.core_count = lambda: 1  # nor start processes of their own where every core runs tests
 
 # imports and tests make millions of objects that live on: looking for cycles among them took a quarter of the imports'
 # time and a twentieth of the tests'

@@ -38,6 +38,7 @@ NOT_RUN = {
     "mrwarp diagnose robot my_dataset": "reads a data set of others; tests/robot_logs",
     "mrwarp check runs/go2": "reads what the command before it made; tests/robot_logs",
     "rerun": "opens a window",
+    "mrwarp demo": "tests/commands/test_run_demo.py",
     "mrwarp perf": "minutes; tests/benchmarks/perf",
     "mrwarp sweep": "minutes of trainings; tests/sweep",
     "mrwarp study train": "hours; tests/paper/study",
@@ -65,7 +66,7 @@ NOT_RUN = {
 """
 
 SHORT = {
-    "bench": {"--trajectories": "8", "--samples": "6400", "--evaluation-samples": "0"},
+    "bench": {"--trajectories": "6", "--samples": "2400", "--evaluation-samples": "0"},
     "train": {"--iterations": "1", "--num-envs": "4"},
     "impact": {"--trials": "1"},
     "walk": {"--distance": "0.5", "--trials": "1"},
@@ -198,6 +199,7 @@ def test_what_is_not_run_stands_in_a_page() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_gate")
 @pytest.mark.parametrize("name", [name for name in PAGES if name != "docs/extend.md"])  # test_extend.py does
 def test_a_page_runs_from_top_to_bottom(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
