@@ -28,6 +28,14 @@ FAMILIES = (
 )
 """Families by name."""
 
+ASKED = ("size", "noise", "base_spread", "truth_rate", "motion")
+"""Settings of all data sets of a plan that go to the case as they are."""
+
+READ: dict[str, tuple[str, ...]] = {
+    "foreign": ("size", "joined"), "outside": ("size", "joined"), "mechanics": (), "bench": ("size",)
+}  # fmt: skip
+"""Which of them, and whether sessions are joined, a family reads that has the rest of its own; others read all."""
+
 SEED_STEP = 100_003
 """Case ``index`` of a suite with seed S has the seed S*100003 + index."""
 
@@ -80,6 +88,9 @@ class Plan:
     def __post_init__(self) -> None:
         if self.family not in FAMILIES:
             raise ValueError(f"family = {self.family!r} is unknown; one of {', '.join(FAMILIES)}")
+        given = [name for name in ASKED if getattr(self, name) is not None] + ["joined"] * self.joined
+        if own := [name for name in given if name not in READ.get(self.family, given)]:
+            raise ValueError(f"family {self.family!r} has its own {', '.join(own)}; leave out what says otherwise")
         if self.strengths and (self.family != "single" or self.kinds):
             raise ValueError("strengths are of family 'single' and say which effects there are; leave out kinds")
         unknown = ({name for name, _ in self.strengths} | set(self.kinds)) - set(self._known())
@@ -101,12 +112,12 @@ class Plan:
             kind = "+".join(name for name, _ in self.strengths)
         out: dict[str, Any] = {"kind": tuple(kind.split("+")) if "+" in kind else kind, "level": self.level}
         out["seed"] = self.seed * SEED_STEP + index
+        asked = {name: value for name in ASKED if (value := getattr(self, name)) is not None}
         if self.family in OTHER_LAWS:
             laws = OTHER_LAWS[self.family].LAWS
-            out = {"kind": kind, "law": laws[index % len(laws)], "share": self.level, "seed": out["seed"]}
-            return out | ({"size": self.size} if self.size and self.family != "mechanics" else {})
+            return {"kind": kind, "law": laws[index % len(laws)], "share": self.level, "seed": out["seed"], **asked}
         if self.family == "bench":
-            return {"kind": kind, "seed": out["seed"], **({"size": self.size} if self.size else {})}
+            return {"kind": kind, "seed": out["seed"], **asked}
         if self.family == "none":
             out["noise"], out["size"], out["base_spread"] = _NONE[index % len(_NONE)]
         elif self.family == "background":
@@ -118,15 +129,7 @@ class Plan:
             )
             names = [name for name, variant in VARIANTS.items() if needs is None or variant.get(needs, True)]
             out |= VARIANTS[names[(turn + index % len(kinds)) % len(names)]]
-        fixed = {
-            "size": self.size,
-            "noise": self.noise,
-            "base_spread": self.base_spread,
-            "truth_rate": self.truth_rate,
-            "motion": self.motion,
-            "strengths": dict(self.strengths) or None,
-        }
-        return {**out, **{key: value for key, value in fixed.items() if value is not None}}
+        return {**out, **asked, **({"strengths": dict(self.strengths)} if self.strengths else {})}
 
     def make(self, index: int) -> Case | JointCase:
         """Make the case ``index``."""

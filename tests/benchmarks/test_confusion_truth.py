@@ -216,6 +216,19 @@ def test_strengths_are_hidden_together_and_a_triangle_turns_round_at_once() -> N
             Plan(family=family, kinds=kinds, strengths=(("backlash", 1e-3),))
 
 
+@pytest.mark.parametrize(
+    ("family", "asked"),
+    [("foreign", {"motion": "triangles"}), ("outside", {"noise": "harsh"}), ("bench", {"joined": True})]
+    + [("mechanics", asked) for asked in ({"size": "small"}, {"base_spread": 0.0}, {"truth_rate": 1e4})],
+)
+def test_a_family_refuses_what_it_has_of_its_own(family: str, asked: dict[str, Any]) -> None:
+    """A setting that would change nothing is named; what the family reads it takes."""
+    with pytest.raises(ValueError, match=f"family '{family}' has its own {min(asked)}; leave out"):
+        Plan(family=family, **asked)
+    if family != "mechanics":
+        assert Plan(family=family, size="small").arguments(0)["size"] == "small"
+
+
 def test_files_hold_the_recording(tmp_path: Path) -> None:
     """A linear damper with a voltage and no velocity at 1 kHz: the loader reads back what the case holds."""
     case = make_case(
