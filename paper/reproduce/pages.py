@@ -225,8 +225,8 @@ def _readme(found: Results) -> str:
     signs = [Verdict.REPRODUCED, Verdict.WORDS, Verdict.SIGN, Verdict.DIRECTION]
     agree, sized = sum(effects[verdict] for verdict in signs), effects[Verdict.REPRODUCED]
     return (
-        f"The paper claims about {sum(effects.values())} effects. The simulation gives {agree} of them with the paper's "
-        f"sign or outcome and {sized or 'none'} with its size. Settings were tuned in view of the paper's figures "
+        f"The paper claims about {sum(effects.values())} effects. The simulation gives {agree} of them with the "
+        f"paper's sign or outcome and {sized or 'none'} with its size. Settings were tuned in view of the paper's figures "
         "([every claim](docs/reproduce.md))."
     )
 
