@@ -226,8 +226,8 @@ def _readme(found: Results) -> str:
     agree, sized = sum(effects[verdict] for verdict in signs), effects[Verdict.REPRODUCED]
     return (
         f"The paper claims about {sum(effects.values())} effects. The simulation gives {agree} of them with the "
-        f"paper's sign or outcome and {sized or 'none'} with its size. Settings were tuned in view of the paper's figures "
-        "([every claim](docs/reproduce.md))."
+        f"paper's sign or outcome and {sized or 'none'} with its size. Settings were tuned in view of the "
+        "paper's figures ([every claim](docs/reproduce.md))."
     )
 
 
