@@ -339,21 +339,21 @@ CLAIMS = (
         place="Figure 10",
         says="power of MR_Go out, standing, back [W]",
         measure=rows("fig10", "power", *(f"MR_Go, {phase}" for phase in ("outbound", "standby", "return"))),
-        why="Carried over from Go1's rows; standing is held by the devices.",
+        why="By numbers fitted to Go1's rows alone; while standing the devices hold.",
     ),
     Claim(
         id="mission.power/mr_go_sal",
         place="Figure 10",
         says="power of MR_Go-SAL, same order [W]",
         measure=rows("fig10", "power", *(f"MR_Go-SAL, {phase}" for phase in ("outbound", "standby", "return"))),
-        why="As above.",
+        why="By numbers fitted to Go1's rows alone.",
     ),
     Claim(
         id="mission.power/depletion",
         place="Figure 10",
         says="depletion of MR_Go, MR_Go-SAL [points]",
         measure=rows("fig10", "depletion", "MR_Go", "MR_Go-SAL"),
-        why="Ours follows the powers.",
+        why="Our depletion follows from the powers.",
     ),
     Claim(
         id="walk.saving/depletion",
@@ -361,7 +361,7 @@ CLAIMS = (
         says="change of the depletion by SAL [%]",
         measure=rows("fig10", "change", "MR_Go to MR_Go-SAL, depletion"),
         effect=True,
-        why="Ours follows the powers; the paper's power and charge exclude each other.",
+        why="Ours follows from the powers; the paper's power and charge exclude each other.",
     ),
     Claim(
         id="mission.calf_heat/rise",

@@ -225,9 +225,8 @@ def _readme(found: Results) -> str:
     signs = [Verdict.REPRODUCED, Verdict.WORDS, Verdict.SIGN, Verdict.DIRECTION]
     agree, sized = sum(effects[verdict] for verdict in signs), effects[Verdict.REPRODUCED]
     return (
-        f"The paper claims about {sum(effects.values())} effects. The simulation gives {agree} of them with the "
-        f"paper's sign or outcome and {sized or 'none'} with its size. Settings were tuned in view of the "
-        "paper's figures ([every claim](docs/reproduce.md))."
+        f"Of about {sum(effects.values())} effects that the paper claims, ours has the sign or outcome of {agree} and the "
+        f"size of {sized or 'none'}, with settings tuned in view of its figures ([every claim](docs/reproduce.md))."
     )
 
 

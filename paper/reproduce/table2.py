@@ -146,7 +146,7 @@ CLAIMS = (
         says="mean height higher by actuator-aware training, SAL off, on [%]",
         measure=change("table2", "mean CoM height", *PAIRS),
         effect=True,
-        why="A percent, within the spread of our seeds.",
+        why="The change is a percent, within the spread of our seeds.",
     ),
     Claim(
         id="training.curves",

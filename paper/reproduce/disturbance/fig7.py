@@ -91,6 +91,6 @@ CLAIMS = (
             "fig7", "calf motor torque", *((f"{leg}, 0 A", f"{leg}, 1.5 A") for leg in ("FR", "RL")), paired=True
         ),
         effect=True,
-        why="Half of the paper's or less, within its wide spread; half of that or more is holding.",
+        why="Half of the paper's or less, within its wide spread. At least half of ours is by holding, not damping.",
     ),
 )

@@ -234,7 +234,7 @@ CLAIMS = (
         says="reduction of drop with a contact threshold of 3, 13 N [%]",
         measure=_reductions("reduction of CoM drop", "contact threshold 3 N", "contact threshold 13 N"),
         effect=True,
-        why="At 0 A our device drags, too: 1.5 A add half of the torque that the paper's rows require, see table 4.",
+        why="At 0 A our device drags, too. So 1.5 A add half of the torque that the paper's rows require (table 4).",
     ),
     Claim(
         id="push.thresholds/eps_e",
@@ -242,7 +242,7 @@ CLAIMS = (
         says="eps_e 0.01 to 0.09 rad: change of the reduction of drop [points]",
         measure=_reductions("change of the reduction of CoM drop", "error threshold 0.01 to 0.09 rad"),
         effect=True,
-        why="A loaded calf passes this range at once after the onset, while it hardly moves.",
+        why="Right after the push begins a loaded calf has passed this range, hardly moving, so the threshold is idle.",
     ),
     Claim(
         id="push.motor_torque/eps_e",
@@ -250,7 +250,7 @@ CLAIMS = (
         says="eps_e 0.01 to 0.09 rad: change of the reduction of motor torque [points]",
         measure=_reductions("change of the reduction of motor torque", "error threshold 0.01 to 0.09 rad"),
         effect=True,
-        why="As above.",
+        why="Right after the push begins a loaded calf has passed this range.",
     ),
     Claim(
         id="push.thresholds/eps_v",
@@ -258,7 +258,7 @@ CLAIMS = (
         says="eps_v 0.1 to 0.3 rad/s: change of the reduction of drop [points]",
         measure=_reductions("change of the reduction of CoM drop", "speed threshold 0.1 to 0.3 rad/s"),
         effect=True,
-        why="A loaded calf passes this range at once after the onset.",
+        why="Right after the push begins a loaded calf is faster than this range.",
     ),
     Claim(
         id="push.motor_torque/mean",
@@ -266,7 +266,7 @@ CLAIMS = (
         says="0 to 1.5 A: mean motor torque of the front and the rear stance leg [%]",
         measure=rows("fig6", "change", "FL, mean, 0 to 1.5 A", "RR, mean, 0 to 1.5 A"),
         effect=True,
-        why="Half of the paper's on both legs: its rows require twice the torque that our 1.5 A add, see table 4.",
+        why="Half of the paper's on both legs: its rows require twice the torque that our 1.5 A add (table 4).",
     ),
     Claim(
         id="push.motor_torque/peak",
