@@ -225,8 +225,8 @@ def _readme(found: Results) -> str:
     signs = [Verdict.REPRODUCED, Verdict.WORDS, Verdict.SIGN, Verdict.DIRECTION]
     agree, sized = sum(effects[verdict] for verdict in signs), effects[Verdict.REPRODUCED]
     return (
-        f"Of about {sum(effects.values())} effects in the paper ours has the sign of {agree} and the size "
-        f"of {sized or 'none'}, by settings tuned in view of its figures ([every claim](docs/reproduce.md))."
+        f"Of about {sum(effects.values())} effects in the paper ours has the sign or outcome of {agree} and the size "
+        f"of {sized or 'none'}, with settings tuned in view of its figures ([claims](docs/reproduce.md))."
     )
 
 
