@@ -200,18 +200,19 @@ def _required() -> Check:
     return Check(
         title="Table 4, simulation: the torque that it requires.",
         arithmetic=(
-            "With that spring, a friction that is constant while the body falls explains both columns. Beyond 0 A it "
-            f"is {many(by_drop)} N·m per stance calf at 0.5, 1 and 1.5 A by the drops. By the speeds it is "
-            f"{many(by_speed)} N·m. "
-            f"K1·I of eq. 14 adds {many(have)} N·m at {SPEED:g} rad/s. That leaves {many(left)}: a constant, which "
-            "acts with current and is absent at 0 A. Take eq. 14 as a whole, with the calf's angle in place of a "
-            f"displacement (the paper's q_offset is 0.2 mrad): it is {many(whole)} N·m at {SPEED:g} rad/s and {BENT:g} "
-            f"rad. Take one degree of freedom: 12.6 kg on two knees with Kp {knees.kp:g}. Kd {knees.kd:.2f} and a push "
-            f"of {knees.duration:.2f} s follow from the row of 0 A. It has that torque at open gates and none at 0 A. "
-            f"Its minimum height changes by {ours(best, 0)} % (paper {papers('min_height')}). Its peak speed changes "
+            "With that spring, a friction that is constant while the body falls explains both columns. Beyond that of "
+            f"0 A it is {many(by_drop)} N·m per stance calf at 0.5, 1 and 1.5 A by the drops. By the speeds it is "
+            f"{many(by_speed)} N·m. K1·I of eq. 14 adds {many(have)} N·m at {SPEED:g} rad/s. So {many(left)} N·m are "
+            "missing: a constant, which acts with current and is absent at 0 A. Eq. 14 as a whole gives "
+            f"{many(whole)} N·m at {SPEED:g} rad/s and {BENT:g} rad, which is what is required. Its q_c has to be the "
+            "calf's angle then, and no displacement from the stance (the paper's q_offset is 0.2 mrad).\n\n"
+            f"A model of one degree of freedom tests that: 12.6 kg on two knees with Kp {knees.kp:g}, that torque with "
+            f"current, and none at 0 A. Kd {knees.kd:.2f} and a push of {knees.duration:.2f} s follow from the row of "
+            "0 A; no row above it was fitted. "
+            f"Its minimum height changes by {ours(best, 0)} % (paper {papers('min_height')}), its peak speed "
             f"by {ours(best, 1)} % ({papers('peak_down_velocity')}). Its motors' peak torque at 1.5 A changes by "
-            f"{best[2][2]:+.1f} %; section 3.2 has 10.2 to 10.5 % less. No row above 0 A was fitted. With the "
-            f"neutral angle and drag at 0 A too it is {ours(kept, 0)} and {ours(kept, 1)} %. But section 4.2 says that "
+            f"{best[2][2]:+.1f} %; section 3.2 has 10.2 to 10.5 % less. With the displacement, and with drag at 0 A "
+            f"too, height and speed change by {ours(kept, 0)} and {ours(kept, 1)} %. But section 4.2 says that "
             "the drag stays at 0 A: either the rows were simulated without it, or the paper contradicts itself."
         ),
         figures={
