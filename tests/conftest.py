@@ -22,6 +22,7 @@ wp.config.log_level = wp.LOG_WARNING
 wp.init()  # torch tensors are wrapped in some tests before anything of Warp has run
 # results and timings must not depend on how many cores the machine has
 torch.set_num_threads(1)
+runtime.leave_compiler_out(torch)
 runtime.core_count = lambda: 1  # nor start processes of their own where every core runs tests
 
 # imports and tests make millions of objects that live on: looking for cycles among them took a quarter of the imports'
