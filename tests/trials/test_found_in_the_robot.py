@@ -27,7 +27,7 @@ CURRENT, TRIALS = 1.5, 30
 def test_lag_found_on_the_bench_changes_the_impact_as_the_true_one() -> None:
     """The lag is named to its interval; the robot then falls deeper and faster, as with the true lag."""
     effects = Effects({"coil_lag": LAG, **NOISE})
-    cfg = BenchCfg(effects=effects, trajectories=24, samples=38400, evaluation_samples=0, seed=3)
+    cfg = BenchCfg(effects=effects, trajectories=12, samples=19200, evaluation_samples=0, seed=3)
     found = diagnose(run_bench(cfg).fit)
     assert [cause.name for cause in found.causes] == ["coil_lag"] and found.verdict == "named"
     lag = found.causes[0].parameters["time_constant"]
