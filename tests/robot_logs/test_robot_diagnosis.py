@@ -56,13 +56,13 @@ def half(number: Value) -> float:
 @pytest.fixture(scope="module")
 def healthy_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Log of an arm as described."""
-    return arm_log(tmp_path_factory.mktemp("healthy"), seconds=5.0)
+    return arm_log(tmp_path_factory.mktemp("healthy"), seconds=3.5)
 
 
 @pytest.fixture(scope="module")
 def late_arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RobotDiagnosis, dict[str, Any]]:
     """Log of an arm whose commands act 14 ms late, its diagnosis, and by function what was found before sizes."""
-    folder, found = arm_log(tmp_path_factory.mktemp("late"), seconds=5.0, late=0.014), {}
+    folder, found = arm_log(tmp_path_factory.mktemp("late"), seconds=3.5, late=0.014), {}
 
     def noted(name: str) -> Callable:
         taken = getattr(robot_diagnosis, name)
@@ -589,7 +589,7 @@ def test_friction_that_a_controller_compensates_is_told(tmp_path: Path) -> None:
     def helped(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:  # noqa: ARG001
         return np.array([0.0, 0.08 * np.tanh(v[1] / 0.02)])
 
-    d = _diagnosed(arm_log(tmp_path, seconds=5.0, extra=helped))
+    d = _diagnosed(arm_log(tmp_path, seconds=3.5, extra=helped))
     assert [(c.name, c.where) for c in d.causes] == [("coulomb_friction", "elbow")]
     # to a tenth of the friction that is described, whose constraint gives way otherwise in the truth
     assert d.causes[0].parameters["torque"].value == pytest.approx(-0.08, abs=0.1 * 0.1)
