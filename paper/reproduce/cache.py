@@ -233,13 +233,16 @@ def code_hash(
     which, and what stands in packages of that name, are neither counted nor followed; of "mrwarp" its public names.
     """
     found: dict[str, str] = {}
-    waiting = [name for module in modules for name in _inside(module, root)]
+    waiting, seen = [name for module in modules for name in _inside(module, root)], set()
     while waiting:
         name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
         path = root.joinpath(*name.split("."))
         path = next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
         left_out = any(name == other or ("." in other and name.startswith(f"{other}.")) for other in without)
-        if path is not None and name not in found and not left_out:
+        if path is not None and not left_out:
             found[name], imports = _parse(path)
             waiting += [imported for imported in imports if imported.split(".")[0] in packages]
     return _hash(json.dumps(found, sort_keys=True))
