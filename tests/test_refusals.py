@@ -9,6 +9,7 @@ from typing import Annotated
 
 import numpy as np
 import pytest
+import torch
 from tyro.conf import Positional
 
 from mrwarp import cli
@@ -249,7 +250,12 @@ OUT_OF_RANGE: dict[str, list[tuple[list[str], str]]] = {
         (["--threads", "-1"], "-1 .. least 0"),
         (["--num-envs", "4", "0"], "0 .. least 1"),
     ],
-    "train": [(["--threads", "-1"], "-1 .. least 0"), (["--save-every", "nan"], "nan .. least 0")],
+    "train": [
+        (["--threads", "-1"], "-1 .. least 0"),
+        (["--save-every", "nan"], "nan .. least 0"),
+        (["--num-envs", "-3"], "--num-envs .. -3 must be at least 1"),
+        (["--power-price", "-1"], "--power-price .. -1 must be at least 0"),
+    ],
     "play": [
         (["--agent", "zero", "--current", "inf"], "inf .. 0 to 100 A"),
         (["--agent", "zero", "--speed", "6"], "6 .. -5 to 5 m/s"),
@@ -360,6 +366,15 @@ MESSAGES = {
     "train --model {model} --actuator pg_rlstm": "models/pg_rlstm.safetensors: this pg_rlstm network {learned}",
     "train --reward tlt=1": "reward 'tlt' is unknown; choose from track_velocity",
     "train --reward tilt": "give a term and its",
+    "train --device cuda:99": "--device cuda:99 .. choose from cpu",
+    "train --device tpu": "--device tpu .. choose from cpu",
+    "train --actuator magic": "--actuator .. magic .. bouc_wen",
+    "train --actuator-file list.json": "bouc_wen .. list.json",
+    "train --actuator mlp --actuator-file {tmp}/none.st": "{tmp}/none.st",
+    "train --randomize moon": "--randomize .. moon .. ground",
+    "train --resume {evil}": "{evil} .. refused",
+    "train --asset {text}": "{text} .. not readable as USD",
+    "train --asset {k1}": "{k1} .. newton:mr:K1 .. -1 .. out of range .. 0 to 1e+15",
     "walk --robot beast": "beast",
     "walk --robot {usd}": "--policy",
     "walk --calibrate --speed 0.4": "--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg",
@@ -388,15 +403,23 @@ MESSAGES = {
 }
 """Parts of the message of each command: place, value and remedy."""
 
+K1 = "double newton:mr:K1 = 10.413315"
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path | str]:
-    """Good files: a recording, the log of an arm, and the model of a device of which nobody stated the coil."""
+    """A recording, the log of an arm, and the model of a device of which nobody stated the coil; three bad files."""
     folder = tmp_path_factory.mktemp("made")
     data, log = _motion(folder / "run.csv"), arm_log(folder / "log", seconds=1.0)
     model = save_model(paper_model(K1=7.0), folder / "model.json")
     learned = "learned another device than the joint's (K1 10.41 .. mrwarp learn DATA --bouc-wen MODEL.json"
-    files = {"data": data, "log": log, "model": model, "usd": ASSETS / "mr_go.usda", "policy": DEFAULT_POLICY}
+    torch.save({"format": 1, "env": print}, folder / "evil.pt")  # a checkpoint that holds more than data
+    (folder / "text.usda").write_text("this is no USD file\n")
+    asset = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
+    assert asset.count(K1) == 1
+    (folder / "k1.usda").write_text(asset.replace(K1, "double newton:mr:K1 = -1.0"), encoding="utf-8")
+    bad = {"evil": folder / "evil.pt", "text": folder / "text.usda", "k1": folder / "k1.usda"}
+    files = {**bad, "data": data, "log": log, "model": model, "usd": ASSETS / "mr_go.usda", "policy": DEFAULT_POLICY}
     return {**files, "learned": learned}
 
 
