@@ -323,7 +323,7 @@ class Motion(Dataset):
                 first = part.start + int(begins[np.argmin(np.abs(begins + part.start - first))])
             taken.append(np.arange(first, first + length))
         at, k = np.concatenate(taken), self.kinematics
-        masks = ("uncertain", "still", "reversing")
+        masks = ("uncertain", "still", "reversing", "one_sided")
         known = {name: None if (x := getattr(k, name)) is None else x[at] for name in masks}
         return dataclasses.replace(
             self,

@@ -64,6 +64,9 @@ class Kinematics:
     reversing: np.ndarray | None = None
     """Whether a sample is so near a start, a stop or a reversal that an acceleration which jumps there is not known,
     shape (N,); None: none is."""
+    one_sided: np.ndarray | None = None
+    """Whether a sample is so near an end of its run that the smoother sees one side of it only, shape (N,); there an
+    acceleration is not known. None: none is."""
     settings: Settings = field(default_factory=Settings)
     """Rules by which the log was read."""
 
@@ -87,7 +90,7 @@ def reconstruct(
         lag, error = _lag_of(recording, sigma_q)
         if lag < settings.gain.clear_t * error or lag < 1e-4:
             lag = 0.0
-    qd, qdd, uncertain, still, reversing = [], [], [], [], []
+    qd, qdd, uncertain, still, reversing, one_sided = [], [], [], [], [], []
     known_q, known_v = sigma_q, sigma_v
     for run in runs:
         # an integrated angle knows nothing that the velocity does not
@@ -102,7 +105,9 @@ def reconstruct(
         uncertain.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
         _without_overshoot(v, at_edge, round(_EDGE / run.dt))
-        reversing.append(near_reversals(v, still[-1], round(_SPREAD / bandwidth / run.dt)))
+        reach, place = round(_SPREAD / bandwidth / run.dt), np.arange(len(v))
+        reversing.append(near_reversals(v, still[-1], reach))
+        one_sided.append((place < reach) | (place >= len(v) - reach))
         if lag > 0.0:
             late = lagged(v, lag, run.dt)
             v, a = late, (v - late) / lag
@@ -119,6 +124,7 @@ def reconstruct(
         still=rested,
         smoothing=smoothing,
         reversing=np.concatenate(reversing),
+        one_sided=np.concatenate(one_sided),
         settings=settings,
     )
 

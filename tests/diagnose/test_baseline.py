@@ -198,7 +198,7 @@ def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(s
     problem = known.posed(Motion.of(recording, Scales()), sigma=1e-2)
     fit = known.fitted(problem, INERTIA)
     found = smooth_motion(problem, recording, fit)
-    assert (found is not problem) == smoothed
+    assert (found.motion is not problem.motion) == smoothed
     if smoothed:
         error = [np.std((x - at.qdd)[100:-100]) for x in (problem.motion.qdd, found.motion.qdd)]
         assert found.motion.kinematics.smoothing > 1.0 and error[1] < 0.7 * error[0]
@@ -208,11 +208,13 @@ def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(s
     kinematics = dataclasses.replace(problem.motion.kinematics, still=still)
     sticking = problem.with_motion(dataclasses.replace(problem.motion, kinematics=kinematics))
     read = smooth_motion(dataclasses.replace(sticking, weight=1.0 * ~still), recording, fit)
-    reversing = read.motion.kinematics.reversing
+    reversing, one_sided = read.motion.kinematics.reversing, read.motion.kinematics.one_sided
     assert reversing is not None and 0.02 < reversing.mean() < 0.4
-    assert not read.weight[reversing].any() and read.weight[~reversing & ~still].all()
-    # nor do those of a joint that a drive moves against a known load, which need not rest anywhere
+    assert one_sided is not None and 0.0 < one_sided.mean() < 0.1
+    assert not read.weight[reversing | one_sided].any() and read.weight[~reversing & ~one_sided & ~still].all()
+    # nor do those of a joint that a drive moves against a known load, which need not rest anywhere, or without a device
     ranges = dataclasses.replace(problem.motion.ranges, load=True, carried=True)
-    loaded = problem.with_motion(dataclasses.replace(problem.motion, ranges=ranges))
-    assert not smooth_motion(loaded, recording, fit).weight[reversing].any()
-    assert smooth_motion(problem, recording, fit).weight.all()
+    for driven in ({"ranges": ranges}, {"current": np.zeros(len(at.q))}):
+        moved = problem.with_motion(dataclasses.replace(problem.motion, **driven))
+        assert not smooth_motion(moved, recording, fit).weight[reversing].any()
+    assert (smooth_motion(problem, recording, fit).weight == ~one_sided).all()
