@@ -38,6 +38,7 @@ class JointPlant:
         self.models, self.problem, self.base = models, models.problem, models.base
         self.effects = [candidate.effect for candidate in screened]
         self.without, self.expected = models.without, expected_in(models.problem)
+        self.ranges = models.problem.motion.ranges
         self.groups: list[Group] = [group for group in groups_along(self.problem, self.base) if len(group.rows)]
         rows = np.vstack([group.rows for group in self.groups])
         self.rows = (rows / np.sqrt((rows**2).mean(axis=1, keepdims=True))).astype(np.float32)
@@ -61,10 +62,22 @@ class JointPlant:
         ]
         for candidate in (near or looks)[:_FITTED]:
             more = self.models.grown(fit, candidate)
-            if not impossible_size(candidate.effect, more, self.problem.motion.ranges):
+            if not impossible_size(candidate.effect, more, self.ranges):
                 yield candidate.effect, more
         if fit is self.base and len(together := lacking_together(self.problem, fit, rest)) > 1:
             yield " and ".join(candidate.effect for candidate in together), self.models.grown_together(fit, together)
+
+    def swapped(self, fit: Fit, effect: str) -> Iterator[tuple[str, Fit]]:
+        """Models that the search fitted with another effect in one's place, where single steps do not decide."""
+        without, steps = self.without(fit, effect), {LAG, DELAY}
+        for other in self.models.fits.values():
+            new = set(other.effects) - set(without.effects)
+            if len(new) != 1 or len(other.effects) != len(fit.effects) or new == {effect} or new | {effect} == steps:
+                continue
+            name = new.pop()
+            near = without.total - other.total > self.problem.settings.search.near * (without.total - fit.total)
+            if near and CATALOGUE[name].contains != effect and not impossible_size(name, other, self.ranges):
+                yield name, other
 
     def signals(self, fit: Fit) -> Signals:
         """Whitened, with each run's offset and factor let go."""
@@ -222,7 +235,9 @@ def _with_evidence(plant: JointPlant, found: Found[Fit, str], selection: Selecti
         selection,
         final=final,
         own_gain=gains,
-        alternatives={e: selection.alternatives.get(e) or found.rivals.get(e, ()) for e in gains},
+        alternatives={
+            e: tuple(dict.fromkeys((*selection.alternatives.get(e, ()), *found.rivals.get(e, ())))) for e in gains
+        },
         leftovers=selection.leftovers or leftovers(plant.problem, final),
         odds={e: found.odds.get(e, 0.0) for e in gains},
         nameless=tuple(Leftover(plant.groups[g], 2.0 * max(found.nameless[g], 0.0), np.inf) for g in order),

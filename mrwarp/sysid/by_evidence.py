@@ -38,6 +38,10 @@ class EvidencePlant(Named[Model, Cause], Protocol):
         """The most promising of the possible models with one cause more, or with several that act together, by name."""
         ...
 
+    def swapped(self, model: Model, cause: Cause, /) -> Iterable[tuple[Cause, Model]]:
+        """Models that were fitted with another cause in one's place, and that cause."""
+        ...
+
     def signals(self, model: Model, /) -> Signals:
         """Derivatives, nameless functions and mismatch of a model, by unit of chance."""
         ...
@@ -58,7 +62,7 @@ class Found(Generic[Model, Cause]):
     odds: dict[Cause, float]
     """Log odds of each cause against the model without it."""
     rivals: dict[Cause, tuple[Cause, ...]]
-    """Causes that would do as well in one's place, within the odds of chance; none of what was proven before."""
+    """Causes that would do as well in one's place, next to what has no name and within the odds of chance."""
     suspects: dict[Cause, Model]
     """Causes that fit, but less well than as much as has no name would by chance, and the model that has them."""
     entered: frozenset[Cause]
@@ -217,6 +221,20 @@ class _Search(Generic[Model, Cause]):
                 return best
             best, active = score, groups
 
+    def rivals(self, cause: Cause) -> tuple[Cause, ...]:
+        """Causes that would do as well in one's place, best first; the variances are learned without any of them."""
+        without, present = self.plant.without(self.model, cause), set(self.plant.causes(self.model))
+        swapped = list(self.plant.swapped(self.model, cause))
+        if self.proven is None or cause not in self.proven:
+            added = [(set(self.plant.causes(model)) - present, model) for _, model in self.plant.grown(without)]
+            swapped += [(new.pop(), model) for new, model in added if len(new) == 1]
+        if not swapped:
+            return ()
+        self.compared.about(without)
+        least = self.with_nameless(self.model) - 0.5 * self.gain.distinct
+        scores = {other: self.with_nameless(model) for other, model in swapped}
+        return tuple(sorted((other for other, score in scores.items() if score > least), key=lambda x: -scores[x]))
+
     def needed(self, group: int) -> float:
         """Log odds of a nameless group."""
         return self.score(self.model, self.active) - self.score(self.model, self.active - {group})
@@ -270,7 +288,8 @@ def searched_by_evidence(
             search.model = plant.without(search.model, cause)
         search.compared.about(search.model)
     known = {cause: search.judge(cause)[0] for cause in plant.causes(search.model)}
-    rivals = {cause: _rivals(search, cause) for cause in known if begin is None or not search.is_proven(cause)}
+    rivals = {cause: search.rivals(cause) for cause in known}
+    search.compared.about(search.model)
     numbers = search.compared.signals(search.model).live
     covariance = search.compared.posterior(search.model, search.active).covariance
     return Found(
@@ -286,14 +305,3 @@ def searched_by_evidence(
         discrepancy=search.compared.discrepancy,
         steps=search.steps,
     )
-
-
-def _rivals(search: _Search[Model, Cause], cause: Cause) -> tuple[Cause, ...]:
-    """Causes that would do as well in another's place."""
-    without, active = search.plant.without(search.model, cause), search.active
-    least = search.score(search.model, active) - 0.5 * search.gain.distinct
-    scores = [(search.score(model, active), model) for _, model in search.plant.grown(without)]
-    near = sorted((row for row in scores if row[0] > least), key=lambda row: -row[0])
-    present = set(search.plant.causes(search.model))
-    rivals = [set(search.plant.causes(model)) - present for _, model in near]
-    return tuple(next(iter(new)) for new in rivals if len(new) == 1)

@@ -125,6 +125,11 @@ class Lines:
         """One more."""
         return [(x, Line(tuple(sorted((*model.causes, x))))) for x in self.rows if x not in model.causes]
 
+    def swapped(self, model: Line, cause: str) -> Iterable[tuple[str, Line]]:
+        """Any other in its place."""
+        rest = tuple(x for x in model.causes if x != cause)
+        return [(x, Line(tuple(sorted((*rest, x))))) for x in self.rows if x not in model.causes]
+
     def signals(self, model: Line) -> Signals:
         """An offset and the causes' rows."""
         derivatives = np.stack([np.ones_like(self.measured), *(self.rows[x] for x in model.causes)])
@@ -171,6 +176,9 @@ def test_a_cause_that_does_as_well_is_a_rival() -> None:
     found = searched_by_evidence(lines(3, {"a": 0.12}), Odds(), Gain())
     assert {name for cause in found.odds for name in (cause, *found.rivals[cause])} == {"a", "c"}
     assert searched_by_evidence(lines(3, {"a": 2.0}), Odds(), Gain()).rivals == {"a": ()}
+    # what was proven before has rivals, too: also one that is likelier
+    proven = searched_by_evidence(lines(3, {"a": 0.12}), Odds(), Gain(), begin=Line(("c",)))
+    assert proven.rivals == {"c": ("a",)}
 
 
 def test_what_has_no_name_is_no_cause() -> None:
