@@ -131,7 +131,13 @@ class JointSearch:
         return larger if _worth(self.models, larger) else None
 
     def settled(self, fit: Fit) -> Fit:
-        """As it is: models of fewer numbers were preferred on the way."""
+        """The model with what an effect contains in its place, where that predicts as well next to all others."""
+        for effect in self.causes(fit):
+            part = CATALOGUE[effect].contains
+            if part in self.effects and part not in fit.effects:
+                without = self.without(fit, effect)
+                simpler = self.models.grown(without, *self.models.screened(without, [part]))
+                fit = simpler if as_good(self.problem, simpler, fit, without) else fit
         return fit
 
     def _first(self) -> Fit | None:
