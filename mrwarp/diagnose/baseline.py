@@ -300,8 +300,7 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     Of an acceleration that is derived from a coarse angle, what is quick is noise. The angle cannot show it: it is the
     torque of an inertia that shows which part of it was motion. Where friction turns round, the torque of a bench
     jumps, but that of a drive does not: the acceleration does. The smoother spreads that jump, so those samples of a
-    joint that sticks, that a drive moves against a load, or that has no device do not count. Nor do those at the ends
-    of a run.
+    joint that sticks, or that a drive moves against a load, do not count. Nor do those at the ends of a run.
     """
     if not any(KNOWN[effect].inertial for effect in fit.effects):
         return problem
@@ -322,8 +321,7 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     if not clear or refitted.total > (1.0 - settings.share) * fit.total:
         best = problem
     unknown = [best.motion.kinematics.one_sided]
-    without_device = not best.motion.current.any()
-    if sticks(best) or best.motion.ranges.carried or without_device:  # the drive sets the torque
+    if sticks(best) or best.motion.ranges.carried:  # the drive sets the torque
         unknown.append(best.motion.kinematics.reversing)
     return replace(best, weight=best.weight * ~np.any([x for x in unknown if x is not None], axis=0))
 

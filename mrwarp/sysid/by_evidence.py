@@ -70,7 +70,7 @@ class Found(Generic[Model, Cause]):
     numbers: Sequence[int]
     """Places of the model's numbers that count."""
     variance: np.ndarray
-    """Of these, with the nameless groups in, shape (nb,)."""
+    """Mean square of what these may be off by, shape (nb,): their variance, and where what has no name moves them to."""
     correlation: float
     """Samples of what is left that count as one."""
     discrepancy: Discrepancy
@@ -291,7 +291,7 @@ def searched_by_evidence(
     rivals = {cause: search.rivals(cause) for cause in known}
     search.compared.about(search.model)
     numbers = search.compared.signals(search.model).live
-    covariance = search.compared.posterior(search.model, search.active).covariance
+    likely = search.compared.posterior(search.model, search.active)
     return Found(
         model=search.model,
         nameless={group: search.needed(group) for group in sorted(search.active)},
@@ -300,7 +300,7 @@ def searched_by_evidence(
         suspects=suspects,
         entered=frozenset(cause for cause in suspects if not search.is_proven(cause)),
         numbers=numbers,
-        variance=np.diag(covariance)[: len(numbers)],
+        variance=(np.diag(likely.covariance) + likely.mean**2)[: len(numbers)],
         correlation=search.compared.correlation,
         discrepancy=search.compared.discrepancy,
         steps=search.steps,
