@@ -70,7 +70,7 @@ class Found(Generic[Model, Cause]):
     numbers: Sequence[int]
     """Places of the model's numbers that count."""
     variance: np.ndarray
-    """Mean square of what these may be off by, shape (nb,): their variance, and where what has no name moves them to."""
+    """Mean square of what these may be off by, shape (nb,): their variance, and how far what has no name moves them."""
     correlation: float
     """Samples of what is left that count as one."""
     discrepancy: Discrepancy
