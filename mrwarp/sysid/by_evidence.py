@@ -70,7 +70,7 @@ class Found(Generic[Model, Cause]):
     numbers: Sequence[int]
     """Places of the model's numbers that count."""
     variance: np.ndarray
-    """Mean square of what these may be off by, shape (nb,): their variance, and how far what has no name moves them."""
+    """Of these, with the nameless groups in, shape (nb,)."""
     correlation: float
     """Samples of what is left that count as one."""
     discrepancy: Discrepancy
@@ -222,17 +222,21 @@ class _Search(Generic[Model, Cause]):
             best, active = score, groups
 
     def rivals(self, cause: Cause) -> tuple[Cause, ...]:
-        """Causes that would do as well in one's place, best first; the variances are learned without any of them."""
+        """Causes that would do as well in one's place, best first; the variances are learned without any of them.
+
+        In the place of one that was proven before, which predicts better, another has to be likelier.
+        """
         without, present = self.plant.without(self.model, cause), set(self.plant.causes(self.model))
-        swapped = list(self.plant.swapped(self.model, cause))
+        others, behind = list(self.plant.swapped(self.model, cause)), 0.0
         if self.proven is None or cause not in self.proven:
             added = [(set(self.plant.causes(model)) - present, model) for _, model in self.plant.grown(without)]
-            swapped += [(new.pop(), model) for new, model in added if len(new) == 1]
-        if not swapped:
+            others += [(new.pop(), model) for new, model in added if len(new) == 1]
+            behind = 0.5 * self.gain.distinct
+        if not others:
             return ()
         self.compared.about(without)
-        least = self.with_nameless(self.model) - 0.5 * self.gain.distinct
-        scores = {other: self.with_nameless(model) for other, model in swapped}
+        least = self.with_nameless(self.model) - behind
+        scores = {other: self.with_nameless(model) for other, model in others}
         return tuple(sorted((other for other, score in scores.items() if score > least), key=lambda x: -scores[x]))
 
     def needed(self, group: int) -> float:
@@ -291,7 +295,7 @@ def searched_by_evidence(
     rivals = {cause: search.rivals(cause) for cause in known}
     search.compared.about(search.model)
     numbers = search.compared.signals(search.model).live
-    likely = search.compared.posterior(search.model, search.active)
+    covariance = search.compared.posterior(search.model, search.active).covariance
     return Found(
         model=search.model,
         nameless={group: search.needed(group) for group in sorted(search.active)},
@@ -300,7 +304,7 @@ def searched_by_evidence(
         suspects=suspects,
         entered=frozenset(cause for cause in suspects if not search.is_proven(cause)),
         numbers=numbers,
-        variance=(np.diag(likely.covariance) + likely.mean**2)[: len(numbers)],
+        variance=np.diag(covariance)[: len(numbers)],
         correlation=search.compared.correlation,
         discrepancy=search.compared.discrepancy,
         steps=search.steps,
