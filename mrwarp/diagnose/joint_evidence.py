@@ -133,7 +133,6 @@ class JointPlant:
         left = left - change @ fit.slopes[live]
         for part, own in zip(problem.motion.parts, sizes, strict=True):
             left[part] -= own @ self.rows[:, part]
-        problem.noise.bridge(left, problem.weight, problem.motion.start)
         white = problem.noise.white(left[None])[0]
         return [white[part][problem.weight[part] > 0.0] for part in problem.motion.parts if problem.weight[part].any()]
 

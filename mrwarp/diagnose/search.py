@@ -390,7 +390,6 @@ def gain_within_runs(problem: Problem, fit: Fit, without: Fit) -> float:
     """Gain of an effect on top of an offset and a factor for each trajectory, in units of the noise's variance."""
     torque = problem.motion.torque
     rows = np.stack([torque - without.torque, torque - fit.torque, without.torque, np.ones(len(torque))])
-    problem.noise.bridge(rows, problem.weight, problem.motion.start)
     rows = problem.noise.white(rows) * problem.weight
     gain = 0.0
     for part in problem.motion.parts:

@@ -33,30 +33,6 @@ class Noise:
     gain: float
     """Spread of the trajectories' factors [1]."""
 
-    def bridge(self, rows: np.ndarray, weight: np.ndarray, start: np.ndarray) -> None:
-        """Give samples that do not count the value of the last one that does, where it whitens one that counts.
-
-        Else a sample that was left out would still enter by what it leaves in the next ones. At a trajectory's head it
-        is the value of the first one that counts.
-
-        Args:
-            rows: Signals, shape (..., N), changed in place.
-            weight: 0 where a sample does not count, shape (N,).
-            start: First sample of each trajectory, and the end of the last one, shape (T + 1,).
-        """
-        counts = weight > 0.0
-        past = np.zeros(len(counts), dtype=bool)
-        for lag in range(1, len(self.whitening)):
-            past[:-lag] |= counts[lag:]
-        places = np.flatnonzero(past & ~counts)
-        if not len(places):
-            return
-        known, begin = np.flatnonzero(counts), start[np.searchsorted(start, places, side="right") - 1]
-        after = np.searchsorted(known, places)
-        before = known[np.maximum(after - 1, 0)]
-        own = (after > 0) & (before >= begin)
-        rows[..., places] = rows[..., np.where(own, before, known[np.minimum(after, len(known) - 1)])]
-
     def white(self, rows: np.ndarray) -> np.ndarray:
         """Whitened signals in units of sigma, shape (..., N); the first samples of a trajectory have no past."""
         out = rows / self.sigma

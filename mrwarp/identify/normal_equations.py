@@ -90,7 +90,6 @@ class NormalEquations:
             for at, block in zip(cuts[:-1], blocks, strict=True):
                 table[at : at + len(block)] = block[:, here]
             table[size], table[size + 1] = 1.0, torque[here]
-            noise.bridge(table, weight[here], np.array([*(part.start for part in parts), here.stop]) - here.start)
             table = noise.white(table)
             table *= counts[here]
             inside = [table[:, part.start - here.start : part.stop - here.start] for part in parts]

@@ -128,6 +128,7 @@ class _Search(Generic[Model, Cause]):
         self.steps: list[list[tuple[str, float]]] = []
         self.out: set[Cause] = set()
         self.proven: set[Cause] | None = None
+        self.closed = False
         self._judged: dict[tuple[Model, Cause], tuple[float, bool]] = {}
 
     def score(self, model: Model, active: Active) -> float:
@@ -138,11 +139,11 @@ class _Search(Generic[Model, Cause]):
         """Let the best cause or nameless group enter; False where none adds enough.
 
         A cause comes before a group that adds up to twice as much: what is left of that then competes with it. Next to
-        what was proven before it has to add more than any group, and while nothing nameless is there.
+        what was proven before it has to add more than any group, and none enters after some that left nameless ones.
         """
         now, causes = self.score(self.model, self.active), list[tuple[float, str, Model, Active]]()
         present = set(self.plant.causes(self.model))
-        for name, model in self.plant.grown(self.model) if self.proven is None or not self.active else ():
+        for name, model in () if self.closed else self.plant.grown(self.model):
             new = set(self.plant.causes(model)) - present
             if not new & self.out:
                 against = self.odds.enters * (len(new) - 1)
@@ -200,6 +201,7 @@ class _Search(Generic[Model, Cause]):
         causes = self.plant.causes(self.model)
         entered = [cause for cause in causes if not self.is_proven(cause)]
         if self.active and entered:
+            self.closed = True
             return entered
         for kind in (entered, [cause for cause in causes if cause not in entered]):
             parts = [cause for cause in kind if self.judge(cause)[1]]

@@ -79,23 +79,6 @@ def test_white_is_the_filter_in_units_of_sigma() -> None:
     np.testing.assert_allclose(noise.white(rows), want, rtol=1e-12)
 
 
-@pytest.mark.parametrize("lost", [[0, 1, 2], [40], [41, 42, 43, 44, 45, 46], [199], [200, 201], [0, 399]])
-def test_a_sample_that_does_not_count_enters_nowhere(lost: list[int]) -> None:
-    """Neither itself nor by the past of the next ones, at a head, inside and at the end of a trajectory."""
-    rng, weight, start = np.random.default_rng(5), np.ones(400), np.array([0, 200, 400])
-    noise = Noise(whitening=np.array([1.0, -0.6, 0.2, -0.1]), sigma=0.5, rms=1.0, offset=0.0, gain=0.0)
-    rows = rng.normal(size=(2, 400))
-    weight[lost] = 0.0
-    other = rows.copy()
-    other[:, lost] = 1e6
-    for signals in (rows, other):
-        noise.bridge(signals, weight, start)
-    counts = weight > 0.0
-    counts[[0, 1, 2, 200, 201, 202]] = False  # without a past in their own trajectory
-    assert (noise.white(other)[:, counts] == noise.white(rows)[:, counts]).all()
-    assert np.abs(noise.white(rows)[:, counts]).max() < 20.0
-
-
 def test_silence_has_a_noise_of_its_own() -> None:
     """Data without noise give a tiny sigma, not 0: nothing is divided by zero."""
     found = estimate_noise(np.zeros(800), torque(2, 400), samples(2, 400), 0.0, 0.0)
