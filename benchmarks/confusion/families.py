@@ -32,8 +32,11 @@ ASKED = ("size", "noise", "base_spread", "truth_rate", "motion")
 """Settings of all data sets of a plan that go to the case as they are."""
 
 READ: dict[str, tuple[str, ...]] = {
-    "foreign": ("size", "joined"), "outside": ("size", "joined"), "mechanics": (), "bench": ("size",)
-}  # fmt: skip
+    "foreign": ("size", "joined"),
+    "outside": ("size", "joined"),
+    "mechanics": (),
+    "bench": ("size",),
+}
 """Which of them, and whether sessions are joined, a family reads that has the rest of its own; others read all."""
 
 SEED_STEP = 100_003

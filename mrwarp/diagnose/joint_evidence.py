@@ -20,6 +20,7 @@ from mrwarp.identify.parameters import LINEAR
 from mrwarp.identify.projection import Progress
 from mrwarp.sysid.by_evidence import Found, searched_by_evidence
 from mrwarp.sysid.evidence import Signals, showing
+from mrwarp.sysid.least_squares import ridge_solve
 
 _SPRING = LINEAR.index("C")
 """The number of eq. 14 that has a sign: no spring pushes away from its rest, only a weight does."""
@@ -69,14 +70,12 @@ class JointPlant:
 
     def swapped(self, fit: Fit, effect: str) -> Iterator[tuple[str, Fit]]:
         """Models that the search fitted with another effect in one's place, where single steps do not decide."""
-        without, steps = self.without(fit, effect), {LAG, DELAY}
-        for other in self.models.fits.values():
-            new = set(other.effects) - set(without.effects)
-            if len(new) != 1 or len(other.effects) != len(fit.effects) or new == {effect} or new | {effect} == steps:
+        without, near = self.without(fit, effect), self.problem.settings.search.near
+        for name, other in self.models.swapped(fit, effect).items():
+            if {name, effect} == {LAG, DELAY} or CATALOGUE[name].contains == effect:
                 continue
-            name = new.pop()
-            near = without.total - other.total > self.problem.settings.search.near * (without.total - fit.total)
-            if near and CATALOGUE[name].contains != effect and not impossible_size(name, other, self.ranges):
+            enough = without.total - other.total > near * (without.total - fit.total)
+            if enough and not impossible_size(name, other, self.ranges):
                 yield name, other
 
     def signals(self, fit: Fit) -> Signals:
@@ -113,11 +112,12 @@ class JointPlant:
         place = 2.0 * (m.q - 0.5 * (m.q.max() + m.q.min())) / r.q
         along = np.stack([speed, np.abs(speed), place, 2.0 * m.current / max(r.current, 1e-9) - 1.0])
         rows, sizes = [np.empty((0, len(m.q)))], list[float]()
+        slopes = fit.slopes[fit.free].astype(float)
+        gram = slopes @ slopes.T
         for effect in self.causes(fit):
             bears = fit.torque - without_effect(self.problem, fit, effect)
-            others = fit.slopes[[i for i in fit.free if i not in fit.parameters.own(effect)]].astype(float)
-            gram = others @ others.T
-            taken_back = np.linalg.lstsq(gram, others @ bears, rcond=1e-9)[0] @ others
+            others = [k for k, i in enumerate(fit.free) if i not in fit.parameters.own(effect)]
+            taken_back = ridge_solve(gram[np.ix_(others, others)], slopes[others] @ bears, 1e-9) @ slopes[others]
             bears *= min(1.0, rms(bears - taken_back) / max(rms(bears), 1e-12))
             later = np.diff(bears, prepend=bears[:1])
             later[m.start[:-1]] = 0.0

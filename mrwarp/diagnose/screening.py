@@ -113,6 +113,12 @@ class Models:
             self.fits[rest] = fit_model(self.problem, layout, fit.parameters.moved(fit.x, layout))
         return self.fits[rest]
 
+    def swapped(self, fit: Fit, effect: str) -> dict[str, Fit]:
+        """Models that were fitted with another effect in the place of one of a model's, by that effect."""
+        rest = set(fit.effects) - {effect}
+        others = [(set(effects) - rest, other) for effects, other in self.fits.items() if rest < set(effects)]
+        return {new.pop(): other for new, other in others if len(new) == 1 and new != {effect}}
+
 
 def _left_alone(candidate: Candidate, hopeless: float) -> list[bool]:
     """Which of a candidate's best starts are left as they are."""

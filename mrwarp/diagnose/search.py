@@ -325,10 +325,7 @@ def _alternatives(
             screened = models.screened(without, [c for c in candidates if c not in final.effects])
         near = [c for c in screened if c.effect != effect and without.total - c.total > 0.6 * gains[effect]]
         fits = {c.effect: models.grown(without, c) for c in near[:4]}
-        for effects, fit in models.fits.items():  # all fits on the way, for any first look
-            other = set(effects) - set(without.effects)
-            if len(other) == 1 and len(effects) == len(without.effects) + 1 and effect not in other:
-                fits.setdefault(other.pop(), fit)
+        fits = models.swapped(final, effect) | fits  # all fits on the way, for any first look
         alternatives[effect] = tuple(
             name
             for name, fit in sorted(fits.items(), key=lambda kv: kv[1].total)

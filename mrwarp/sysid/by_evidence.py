@@ -128,7 +128,7 @@ class _Search(Generic[Model, Cause]):
         self.steps: list[list[tuple[str, float]]] = []
         self.out: set[Cause] = set()
         self.proven: set[Cause] | None = None
-        self.closed = False
+        self.closed = False  # whether causes may enter no more
         self._judged: dict[tuple[Model, Cause], tuple[float, bool]] = {}
 
     def score(self, model: Model, active: Active) -> float:
@@ -201,7 +201,6 @@ class _Search(Generic[Model, Cause]):
         causes = self.plant.causes(self.model)
         entered = [cause for cause in causes if not self.is_proven(cause)]
         if self.active and entered:
-            self.closed = True
             return entered
         for kind in (entered, [cause for cause in causes if cause not in entered]):
             parts = [cause for cause in kind if self.judge(cause)[1]]
@@ -288,6 +287,7 @@ def searched_by_evidence(
         suspects |= dict.fromkeys(idle, before)
         if not (weak := search.weak()):
             break
+        search.closed |= bool(search.active) and not any(map(search.is_proven, weak))
         suspects |= dict.fromkeys(weak, search.model)
         search.out |= set(weak)
         for cause in weak:
