@@ -15,10 +15,10 @@ from benchmarks.confusion.suite import run_case
 Case = dict[str, Any]
 
 
-def cases(plan: Plan, indices: range) -> list[Case]:
-    """Cases of a plan, reported as they come."""
+def cases(plan: Plan, count: int) -> list[Case]:
+    """The first cases of a plan, reported as they come."""
     found = []
-    for index in indices:
+    for index in range(count):
         case = run_case(plan, index)
         names = [[c["name"], *c["alternatives"]] for c in case.get("causes", [])]
         hidden = "+".join([*case["kinds"], *case["background"]]) or "nothing"
@@ -39,22 +39,21 @@ def misled(found: list[Case]) -> list[Case]:
 
 @pytest.mark.slow
 def test_most_effects_are_named() -> None:
-    """A third of the contract's effects but the coil's lag, which many tests name: none is taken for another."""
-    kinds = SINGLE[::3]
-    found = cases(Plan(family="single", level=0.8, seed=4, size="small", kinds=kinds), range(1, len(kinds)))
+    """A third of the contract's effects: none is taken for another, at most one is missed."""
+    found = cases(Plan(family="single", level=0.8, seed=4, size="small", kinds=SINGLE[::3]), len(SINGLE[::3]))
     assert not misled(found) and hits(found, ("right", "ambiguous", "other")) >= len(found) - 1
 
 
 @pytest.mark.slow
 def test_clean_data_of_all_noises_raise_no_alarm() -> None:
     """Realistic, harsh and clean noise: no effect is named."""
-    assert not misled(cases(Plan(family="none", seed=5, size="small"), range(3)))
+    assert not misled(cases(Plan(family="none", seed=5, size="small"), 3))
 
 
 @pytest.mark.slow
 def test_structure_outside_the_catalogue_is_left_over() -> None:
     """Half of what is outside the catalogue: never named, mostly found."""
-    found = cases(Plan(family="uncatalogued", level=0.8, seed=6, size="small"), range(len(UNCATALOGUED) // 2))
+    found = cases(Plan(family="uncatalogued", level=0.8, seed=6, size="small"), len(UNCATALOGUED) // 2)
     assert not misled(found) and hits(found) >= len(found) - 1
 
 
@@ -62,7 +61,7 @@ def test_structure_outside_the_catalogue_is_left_over() -> None:
 @pytest.mark.parametrize("family", ["pairs", "background"])
 def test_two_causes_are_not_taken_for_others(family: str) -> None:
     """Two effects, or one next to uncatalogued structure: every named effect was hidden."""
-    found = cases(Plan(family=family, level=0.8, seed=7, size="small"), range(2))
+    found = cases(Plan(family=family, level=0.8, seed=7, size="small"), 2)
     assert not misled(found) and hits(found, ("right", "ambiguous", "other")) >= len(found) - 1
 
 

@@ -67,12 +67,13 @@ def failures(modules: list[Module], arch: int, folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_every_kernel_compiles_for_a_gpu(kernel_modules: list[Module], tmp_path: Path) -> None:
-    """PTX for sm_80, which later ones take too, of all modules but the LSTM in a CPU's lanes."""
+@pytest.mark.parametrize("arch", [80, 90])
+def test_every_kernel_compiles_for_a_gpu(arch: int, kernel_modules: list[Module], tmp_path: Path) -> None:
+    """PTX for sm_80 and sm_90 of all modules but the LSTM in a CPU's lanes."""
     names = {module.name for module in kernel_modules}
     assert names > CPU_ONLY, "a module of CPU_ONLY is gone"
     wanted = [module for module in kernel_modules if module.name not in CPU_ONLY]
-    assert failures(wanted, 80, tmp_path) == []
+    assert failures(wanted, arch, tmp_path) == []
     assert len(list(tmp_path.glob("*.ptx"))) == len(wanted) > 10
 
 
