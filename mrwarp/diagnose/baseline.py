@@ -350,15 +350,30 @@ def align_clocks(problem: Problem, fit: Fit) -> Problem:
             break
     totals = [float(loss.sum()) for loss in losses]
     k = int(np.argmin(totals))
-    gain, t = gain_and_t(losses[0], losses[k])
-    settings = problem.settings.gain
-    if (
-        gain < max(problem.settings.rest.certainly * threshold(problem, fit), settings.share * totals[0])
-        or t < settings.clear_t
-    ):
+    if not _clear(problem, fit, losses[k]):
         return problem
     found = shifts[k]
     if 0 < k < len(totals) - 1:  # the vertex of the parabola through the best and its neighbours
         before, here, after = totals[k - 1 : k + 2]
         found += 0.5 * _SHIFT * (before - after) / (before - 2.0 * here + after)
     return problem.with_motion(motion.later(found))
+
+
+def shift_stands(problem: Problem, shifted: Fit, logged: Problem, fit: Fit) -> bool:
+    """Whether a shift of the clocks with the model found next to it predicts clearly better than one found without it.
+
+    Both are judged by the noise that either leaves: the shift has to be better by both.
+    """
+    for noise in (learn_noise(problem, shifted), learn_noise(logged, fit)):
+        before, after = (refit(replace(p, noise=noise), f) for p, f in ((logged, fit), (problem, shifted)))
+        if not _clear(logged, before, after.loo_loss):
+            return False
+    return True
+
+
+def _clear(problem: Problem, before: Fit, after: np.ndarray) -> bool:
+    """Whether leave-one-out losses, shape (T,), are clearly below those of a model."""
+    gain, t = gain_and_t(before.loo_loss, after)
+    settings = problem.settings
+    least = max(settings.rest.certainly * threshold(problem, before), settings.gain.share * before.total)
+    return gain >= least and t >= settings.gain.clear_t

@@ -17,6 +17,7 @@ from mrwarp.diagnose.baseline import (
     judged,
     learn_noise,
     plain_problem,
+    shift_stands,
     smooth_motion,
     with_learned_noise,
 )
@@ -161,6 +162,8 @@ class _Session:
     law: LawChoice | None = None
     misfit: bool = False
     """Whether the baseline's mismatch was structured before its noise was judged."""
+    as_logged: _Session | None = None
+    """This session without a shift of the clocks, where the first guess asks for one: both are searched."""
 
     def about(self, problem: Problem, base: Fit) -> _Session:
         """Another problem and its baseline, with the candidates of these."""
@@ -273,19 +276,38 @@ def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]
         log(f"noise without {', '.join(best.effects) or 'line'}")
         misfit = session.misfit or (problem.misfit and misfits(problem, best))
         problem, best = with_learned_noise(replace(problem, misfit=misfit), best)
+    logged = session if problem is first else session.screened_again(problem, refit(problem, base))
     aligned = align_clocks(problem, best)
-    if aligned is not problem:
-        log(f"torque is logged {aligned.motion.ahead:.2f} samples ahead of the motion")
-        problem = replace(aligned, noise=learn_noise(aligned, refit(aligned, best)))
-    if problem is first:
-        return session, line
-    return session.screened_again(problem, refit(problem, base)), line
+    if aligned is problem:
+        return logged, line
+    log(f"torque may be logged {aligned.motion.ahead:.2f} samples ahead of the motion")
+    problem = replace(aligned, noise=learn_noise(aligned, refit(aligned, best)))
+    return replace(logged.screened_again(problem, refit(problem, base)), as_logged=logged), line
 
 
 def _searched(
     session: _Session, method: Method, log: Progress
 ) -> tuple[_Session, Models, Judged, tuple[Rejection, ...]]:
     """Causes that are proven, and those that are not, with the session and the models in which they were found.
+
+    Clocks are shifted only where that predicts clearly better than the causes that are found without it.
+    """
+    found = _searched_as_read(session, method, log)
+    if session.as_logged is None:
+        return found
+    log("the same with the clocks as they are logged")
+    other = _searched_as_read(session.as_logged, method, log)
+    shifted, logged = (read.problem for read, *_ in (found, other))
+    if shift_stands(shifted, found[2].selection.final, logged, other[2].selection.final):
+        return found
+    log(f"clocks as logged: {', '.join(other[2].selection.named) or 'nothing'} predicts as well as the shift")
+    return other
+
+
+def _searched_as_read(
+    session: _Session, method: Method, log: Progress
+) -> tuple[_Session, Models, Judged, tuple[Rejection, ...]]:
+    """Causes of a session as its log is read.
 
     Where all causes together leave clearly less spread of the trajectories' factors than the first of them did, they
     are searched again with that noise: where factors may differ much, a common one costs next to nothing, and a model's

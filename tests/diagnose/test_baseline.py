@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate, smooth_motion
+from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate, shift_stands, smooth_motion
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, refit
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.replay import EffectReplay
@@ -167,6 +167,16 @@ def test_torque_ahead_of_the_motion_is_found(ahead: float) -> None:
     assert aligned.motion.ahead == pytest.approx(ahead, abs=0.1) and problem.motion is logged
     np.testing.assert_allclose(aligned.motion.qd[10:700], made.motion.qd[10:700], atol=0.05)
     assert np.array_equal(aligned.motion.torque, made.motion.torque)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.5])
+def test_a_shift_has_to_predict_better_than_causes_without_it(ahead: float) -> None:
+    """It stands where the torque is logged ahead, and not where a cause explains the same with the clocks as logged."""
+    made = known.problem(INERTIA, sigma=2e-3, at=known.motion(3, runs=6))
+    logged = known.posed(dataclasses.replace(_late(made.motion, ahead), torque=made.measured), sigma=2e-3)
+    shifted = logged.with_motion(logged.motion.later(0.5))
+    models = known.fitted(shifted, INERTIA), known.fitted(logged, INERTIA)
+    assert shift_stands(shifted, models[0], logged, models[1]) is (ahead > 0.0)
 
 
 @pytest.mark.parametrize("effects", [{}, INERTIA, {"torque_sensor_lag": {"time_constant": 0.003}}])
