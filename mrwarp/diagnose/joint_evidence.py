@@ -9,7 +9,7 @@ import numpy as np
 
 from mrwarp.diagnose.lag_or_delay import DELAY, LAG, decided_by_steps
 from mrwarp.diagnose.problem import Fit
-from mrwarp.diagnose.proof import Rejection, impossible_size, without_effect
+from mrwarp.diagnose.proof import Rejection, impossible_size, interval_rejection, without_effect
 from mrwarp.diagnose.residual_structure import Group, Leftover, groups_along, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, lacking_together
 from mrwarp.diagnose.search import Selection, expected_in
@@ -63,16 +63,24 @@ class JointPlant:
         ]
         for candidate in (near or looks)[:_FITTED]:
             more = self.models.grown(fit, candidate)
-            if not impossible_size(candidate.effect, more, self.ranges):
+            if not (impossible_size(candidate.effect, more, self.ranges) or self._unknown(candidate.effect, more)):
                 yield candidate.effect, more
         if fit is self.base and len(together := lacking_together(self.problem, fit, rest)) > 1:
             yield " and ".join(candidate.effect for candidate in together), self.models.grown_together(fit, together)
+
+    def _unknown(self, effect: str, fit: Fit) -> bool:
+        """Whether the size of an effect is not known: of one that few runs carry, which evidence takes for many."""
+        return bool(interval_rejection(effect, fit, self.problem.settings.proof))
 
     def swapped(self, fit: Fit, effect: str) -> Iterator[tuple[str, Fit]]:
         """Models that the search fitted with another effect in one's place, where single steps do not decide."""
         without, near = self.without(fit, effect), self.problem.settings.search.near
         for name, other in self.models.swapped(fit, effect).items():
-            if {name, effect} == {LAG, DELAY} or CATALOGUE[name].contains == effect:
+            if (
+                {name, effect} == {LAG, DELAY}
+                or effect == CATALOGUE[name].contains
+                or name == CATALOGUE[effect].contains
+            ):
                 continue
             enough = without.total - other.total > near * (without.total - fit.total)
             if enough and not impossible_size(name, other, self.ranges):

@@ -149,29 +149,20 @@ def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selec
         held = hold_out(problem, own, base, models.reported(own.final))
         return reduction(held, seed)[1], {"torque": Change.of(held.baseline, held.extended)}, held
 
-    def gain(effect: str) -> float:
-        return selection.own_gain.get(effect, selection.gain)
-
-    def faults(named: Sequence[str]) -> dict[str, str]:
-        fit, proof = models.reported(with_only(named).final), problem.settings.proof
-        sizes = {effect: impossible_size(effect, fit, problem.motion.ranges) for effect in named}
-        if any(sizes.values()):
-            return sizes
-        unknown = {e: why for e in named if (why := _interval_rejection(e, fit, proof, selection.refined))}
-        return {e: unknown[e] for e in sorted(unknown, key=gain)[:1]}  # without the weakest, others may be known
+    def impossible(named: Sequence[str]) -> dict[str, str]:
+        fit = models.reported(with_only(named).final)
+        return {effect: impossible_size(effect, fit, problem.motion.ranges) for effect in named}
 
     named, refused, held = passed(
         selection.named,
-        faults=faults,
+        faults=impossible,
         errors=errors,
-        gains=lambda effect, _: gain(effect),
+        gains=lambda effect, _: selection.own_gain.get(effect, selection.gain),
         most=problem.settings.gain.share,
     )
     fit = models.reported(selection.final)
-    rejections = tuple(
-        Rejection(effect=e, reason=why, gain=max(gain(e), 0.0) / selection.base.total, fit=fit)
-        for e, why in refused.items()
-    )
+    gains = {e: max(selection.own_gain.get(e, selection.gain), 0.0) / selection.base.total for e in refused}
+    rejections = tuple(Rejection(effect=e, reason=why, gain=gains[e], fit=fit) for e, why in refused.items())
     return with_only(named), rejections, held
 
 
@@ -283,10 +274,10 @@ def _unknown(
 ) -> str:
     """Why the size of an effect is not possible or not known, or nothing."""
     possible = _size_rejection(effect, fit, problem)
-    return possible or _interval_rejection(effect, fit, problem.settings.proof, refined)
+    return possible or interval_rejection(effect, fit, problem.settings.proof, refined)
 
 
-def _interval_rejection(
+def interval_rejection(
     effect: str, fit: Fit, proof: Proof, refined: Mapping[tuple[str, str], tuple[float, float, float]] | None = None
 ) -> str:
     """Why the size of an effect is not known, or nothing.
