@@ -73,18 +73,17 @@ class JointPlant:
         return bool(interval_rejection(effect, fit, self.problem.settings.proof))
 
     def swapped(self, fit: Fit, effect: str) -> Iterator[tuple[str, Fit]]:
-        """Models that the search fitted with another effect in one's place, where single steps do not decide."""
+        """Models that the search fitted with another effect in one's place."""
         without, near = self.without(fit, effect), self.problem.settings.search.near
         for name, other in self.models.swapped(fit, effect).items():
-            if (
-                {name, effect} == {LAG, DELAY}
-                or effect == CATALOGUE[name].contains
-                or name == CATALOGUE[effect].contains
-            ):
-                continue
             enough = without.total - other.total > near * (without.total - fit.total)
             if enough and not impossible_size(name, other, self.ranges):
                 yield name, other
+
+    def distinct(self, effect: str, other: str) -> bool:
+        """Whether none of two effects contains the other; single steps distinguish a lag from a delay."""
+        parts = {(effect, CATALOGUE[effect].contains), (CATALOGUE[other].contains, other), (LAG, DELAY), (DELAY, LAG)}
+        return (effect, other) not in parts
 
     def signals(self, fit: Fit) -> Signals:
         """Whitened, with each run's offset and factor let go."""

@@ -261,7 +261,7 @@ def _sized(case: _Case, judged: _Judged) -> _Judged:
     found, unclear, size, near = clear_ones(
         judged.found, judged.likelihood, case.parameters, lambda found: _alone(case, judged, found)
     )
-    likely, other = likelier(found, size.size, case.parameters, case.model.settings.robot.rival_odds)
+    likely, other = likelier(found, size.size, case.parameters, case.model.settings.odds.rival)
     if [f.hypothesis for f in likely] != [f.hypothesis for f in found]:
         size, near = _alone(case, judged, likely, other)
     rejected = {**judged.rejected, **{f: _unclear(f, case, judged) for f in unclear}}

@@ -350,5 +350,7 @@ def _one_drive(
                     best, least = (new, [*rest, d], seen, near), now
         theta, free, likelihood, fresh = best
         for d in (d for d in free if d in alone):
-            rivals[d] = [x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * settings.rival_odds]
+            rivals[d] = [
+                x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * likelihood.settings.odds.rival
+            ]
     return theta, free, likelihood, fresh

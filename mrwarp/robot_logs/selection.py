@@ -220,6 +220,7 @@ class RobotSearch(Listed[Found]):
     ) -> None:
         self.likelihood, self.parameters, self.confirmed = likelihood, parameters, confirmed
         self.settings, self.base = likelihood.settings.robot, list[Found]()
+        self.rival = likelihood.settings.odds.rival
         self.hypotheses = [d for d in hypotheses_of(parameters) if d.cause not in (*ORDINARY, NUISANCE)]
         self.tests = (self.recurs,)
 
@@ -250,9 +251,7 @@ class RobotSearch(Listed[Found]):
         near = [
             c.hypothesis
             for c, left in zip(candidates, rest, strict=True)
-            if c.odds > best.odds - settings.rival_odds
-            and left < settings.odds
-            and c.hypothesis.cause != best.hypothesis.cause
+            if c.odds > best.odds - self.rival and left < settings.odds and c.hypothesis.cause != best.hypothesis.cause
         ]
         return [*found, Found(hypothesis=best.hypothesis, z=best.z, alternatives=tuple(near[: settings.rivals]))]
 
@@ -285,7 +284,7 @@ def _with_rivals(f: Found, found: list[Found], likelihood: Likelihood, parameter
         return float(x @ (a + q) @ x - 2.0 * b @ x)
 
     here = unlikely(own)
-    near = [d for d in rivals if 0.5 * (unlikely(d) - here) < likelihood.settings.robot.rival_odds]
+    near = [d for d in rivals if 0.5 * (unlikely(d) - here) < likelihood.settings.odds.rival]
     return replace(f, alternatives=tuple(dict.fromkeys([*f.alternatives, *near])))
 
 

@@ -42,6 +42,10 @@ class EvidencePlant(Named[Model, Cause], Protocol):
         """Models that were fitted with another cause in one's place, and that cause."""
         ...
 
+    def distinct(self, cause: Cause, other: Cause, /) -> bool:
+        """Whether two causes are distinct, and by fits: none is a part of the other, and no other data decide."""
+        ...
+
     def signals(self, model: Model, /) -> Signals:
         """Derivatives, nameless functions and mismatch of a model, by unit of chance."""
         ...
@@ -232,8 +236,8 @@ class _Search(Generic[Model, Cause]):
         if self.proven is None or cause not in self.proven:
             added = [(set(self.plant.causes(model)) - present, model) for _, model in self.plant.grown(without)]
             others += [(new.pop(), model) for new, model in added if len(new) == 1]
-            behind = 0.5 * self.gain.distinct
-        if not others:
+            behind = self.odds.rival
+        if not (others := [(other, model) for other, model in others if self.plant.distinct(cause, other)]):
             return ()
         self.compared.about(without)
         least = self.with_nameless(self.model) - behind

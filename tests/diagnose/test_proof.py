@@ -13,9 +13,9 @@ from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, reported
 from mrwarp.diagnose.proof import (
     _gain_rejection,
     _halves_rejection,
-    _interval_rejection,
     _possible_alternatives,
     _size_rejection,
+    interval_rejection,
     select_proven,
     through_gate,
     without_parts,
@@ -255,7 +255,7 @@ def test_of_two_numbers_one_has_to_be_clear_of_zero(effect: str, times: float, k
     x = fit.x.copy()
     x[[first, *others[:1]]] = 0.0
     x[first] = times * 0.5 * (high - low)
-    assert (not _interval_rejection(effect, replace(fit, x=x), Proof())) == known_
+    assert (not interval_rejection(effect, replace(fit, x=x), Proof())) == known_
 
 
 @pytest.mark.parametrize(("low", "rejected"), [(0.0006, False), (0.0001, True), (0.0, True)])
@@ -266,9 +266,9 @@ def test_the_interval_that_is_reported_decides(low: float, rejected: bool) -> No
     variance = np.zeros(len(fit.x))
     variance[fit.parameters.own("command_delay")[0]] = 1.0
     wide = replace(fit, least_variance=variance)  # of the logarithm: a factor of 7 to either side
-    assert "not known" in _interval_rejection("command_delay", wide, Proof())
+    assert "not known" in interval_rejection("command_delay", wide, Proof())
     refined = {("command_delay", "delay"): (0.002, low, 0.004)}
-    assert bool(_interval_rejection("command_delay", wide, Proof(), refined)) == rejected
+    assert bool(interval_rejection("command_delay", wide, Proof(), refined)) == rejected
 
 
 def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPatch) -> None:

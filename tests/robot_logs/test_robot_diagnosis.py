@@ -495,7 +495,7 @@ def test_of_kp_and_kd_the_likelier_with_its_torque_scale_is_named(size: float, s
     ]
     both = {x: Hypothesis(cause=x, where="robot", members=m) for x, m in (("kp", (0, 1)), ("kd", (2, 3)))}
     kp = Found(hypothesis=both["kp"], z=9.0, alternatives=(both["kd"],))
-    begin, odds = np.array([size, size, 0.0, 0.0, scale]), Settings().robot.rival_odds
+    begin, odds = np.array([size, size, 0.0, 0.0, scale]), Settings().odds.rival
     (found,), theta = robot_fit.likelier([kp], begin, parameters, odds)
     assert found.hypothesis == both[named]
     if named == "kd":

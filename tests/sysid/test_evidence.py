@@ -130,6 +130,10 @@ class Lines:
         rest = tuple(x for x in model.causes if x != cause)
         return [(x, Line(tuple(sorted((*rest, x))))) for x in self.rows if x not in model.causes]
 
+    def distinct(self, cause: str, other: str) -> bool:
+        """Any two."""
+        return True
+
     def signals(self, model: Line) -> Signals:
         """An offset and the causes' rows."""
         derivatives = np.stack([np.ones_like(self.measured), *(self.rows[x] for x in model.causes)])

@@ -110,6 +110,8 @@ class Odds(Checked):
 
     enters: float = setting(6.0, 0.0, 100.0, fewer="false causes", more="missed ones", by=RATES)
     """Logarithm of the odds against any one cause: it enters a model that is so many times likelier with it."""
+    rival: float = setting(4.5, 0.0, 100.0, fewer="wrong single answers", more="alternatives")
+    """Causes that are less than so far behind, in the logarithm of the odds, may do as well in one's place."""
     form: float = setting(0.1, 0.0, 1.0, fewer="second causes that make up for a first", more="missed ones")
     """Standard deviation of a law's own error, over what it bears: by speed, place and current."""
 

@@ -22,8 +22,6 @@ class Robot(Checked):
     """Least standard score of a number that descriptions rarely know."""
     recurrence: float = setting(4.0, 0.0, 100.0, fewer="false causes", more="suspects", by="200 causes and places")
     """Least size of a cause in standard deviations over windows: one chance in a hundred over 200 causes and places."""
-    rival_odds: float = setting(4.5, 0.0, 100.0, fewer="wrong single answers", more="alternatives")
-    """Causes whose odds are nearer than this to the best one's, and vanish with it, are alternatives."""
     rivals: int = setting(4, 0, 100, fewer="lost alternatives", more="long lists")
     """Most alternatives of a cause."""
     share: float = setting(0.03, 0.0, 10.0, fewer="false small causes", more="missed ones")
