@@ -232,7 +232,7 @@ def _numbers(effect: Effect) -> dict[str, Value]:
 def unexplained_of(
     problem: Problem, selection: Selection, line: Line | None, rejected: Sequence[Rejection] = ()
 ) -> Unexplained | None:
-    """Structure that stays when the named effects are in, or None.
+    """Structure that stays when the named effects are in, or None where it is next to nothing of what is left.
 
     What a lag would take up that was rejected as the hidden motion of a yielding shaft is that motion, no structure.
     """
@@ -243,7 +243,8 @@ def unexplained_of(
     gain, named = sum(f.gain for f in left), 2.0 * sum(max(odds, 0.0) for odds in selection.odds.values())
     both = gain + (line.gain if line else 0.0)
     share = both / max(named + both, 1e-9)
-    if named > 0.0 and share < problem.settings.gain.part:
+    least = problem.settings.gain
+    if both < least.share * selection.final.total or (named > 0.0 and share < least.part):
         return None
     if line is not None and line.gain > gain:
         return Unexplained(depends_on=("frequency",), form=f"a line at {line.frequency:.2f} Hz", share=share)

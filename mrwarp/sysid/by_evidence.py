@@ -74,7 +74,7 @@ class Found(Generic[Model, Cause]):
     numbers: Sequence[int]
     """Places of the model's numbers that count."""
     variance: np.ndarray
-    """Mean squared error of these, with the nameless groups in, shape (nb,): their spread, and how far they move."""
+    """Of these, with the nameless groups in, shape (nb,)."""
     correlation: float
     """Samples of what is left that count as one."""
     discrepancy: Discrepancy
@@ -301,7 +301,7 @@ def searched_by_evidence(
     rivals = {cause: search.rivals(cause) for cause in known}
     search.compared.about(search.model)
     numbers = search.compared.signals(search.model).live
-    found = search.compared.posterior(search.model, search.active)
+    covariance = search.compared.posterior(search.model, search.active).covariance
     return Found(
         model=search.model,
         nameless={group: search.needed(group) for group in sorted(search.active)},
@@ -310,7 +310,7 @@ def searched_by_evidence(
         suspects=suspects,
         entered=frozenset(cause for cause in suspects if not search.is_proven(cause)),
         numbers=numbers,
-        variance=(np.diag(found.covariance) + found.mean**2)[: len(numbers)],
+        variance=np.diag(covariance)[: len(numbers)],
         correlation=search.compared.correlation,
         discrepancy=search.compared.discrepancy,
         steps=search.steps,
