@@ -16,7 +16,7 @@ from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import EffectParameter
 from mrwarp.identify.checks.stated import coil_resistance
-from mrwarp.identify.dataset import Motion, Scales, rms
+from mrwarp.identify.dataset import Motion, Scales, rms, sample_noise
 from mrwarp.identify.fit import BoucWenStructure
 from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
 from mrwarp.identify.parameters import LINEAR_PART, Slot, factor_of
@@ -92,7 +92,12 @@ def fit_baseline(
     problem, plain = hold_rests(problem, recording, plain, rate)
     if problem is not at_first:
         log("the joint rests now and then")
-    return judged(problem, plain, log)
+    problem, fit = judged(problem, plain, log)
+    quiet = quiet_current(problem, fit)
+    if quiet is problem:
+        return problem, fit
+    log("the measured current is noisy: it is smoothed")
+    return judged(*plain_problem(quiet, fit), log)
 
 
 def judged(problem: Problem, plain: Fit, log: Progress) -> tuple[Problem, Fit]:
@@ -273,6 +278,23 @@ def sticks(problem: Problem) -> bool:
     """Whether a drive moves the joint, so that its rests do not count."""
     still = problem.motion.kinematics.still
     return still is not None and bool(still.any()) and not problem.weight[still].any()
+
+
+def quiet_current(problem: Problem, fit: Fit) -> Problem:
+    """Take noise from sample to sample off a measured current where the torque is then predicted clearly better.
+
+    What lags behind the current, or follows it with play, takes its noise away, and would be named for that. A median
+    over the samples around each does so without a lag, and leaves steps as they are.
+    """
+    motion, found = problem.motion, [(problem, fit)]
+    shortest = float(np.diff(motion.start).min())
+    for width in _doubled(shortest) if sample_noise(motion, motion.current) > 0.0 else ():
+        quiet = problem.with_motion(motion.quieter(int(width) + 1))
+        found.append((quiet, refit(quiet, found[-1][1])))
+        if found[-1][1].total > found[-2][1].total:
+            break
+    best, fitted = min(found, key=lambda item: item[1].total)
+    return best if best is not problem and _clear(problem, fit, fitted.loo_loss) else problem
 
 
 def begin_under_way(problem: Problem, fit: Fit) -> Problem:

@@ -356,6 +356,10 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
             f"from its begin to its end (up in {(moved > 0.0).sum()} of {len(moved)}): the zero of the torque sensor "
             "drifts; let it warm up and set it to zero before each run"
         )
+    if motion.medians > 1:
+        notes.append(
+            f"the measured current is noisy: the torque follows its medians over {motion.medians} samples more closely"
+        )
     if motion.ahead:
         milliseconds = 1e3 * motion.ahead * motion.ranges.dt
         notes.append(

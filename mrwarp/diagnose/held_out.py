@@ -22,10 +22,9 @@ from mrwarp.identify.boosting import (
     cross_predicted,
     end_processes,
     spread_where_it_repeats,
-    white_floor,
 )
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
-from mrwarp.identify.dataset import Motion
+from mrwarp.identify.dataset import Motion, sample_noise
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, check_same_units
@@ -221,7 +220,7 @@ def _spread(
     """
     counts, spreads = spread_where_it_repeats(problem.motion, mismatch, at)
     if not counts.any():
-        return None, np.full(len(pick), white_floor(problem.motion, mismatch))
+        return None, np.full(len(pick), sample_noise(problem.motion, mismatch) ** 2)
     mean = float(counts @ spreads / counts.sum())
     drawn = (counts * spreads)[pick].sum(axis=1) / np.maximum(counts[pick].sum(axis=1), 1.0)
     return mean, np.where(counts[pick].any(axis=1), drawn, mean)
@@ -274,6 +273,8 @@ class Predictor:
         like = self.motion
         read = {name: getattr(like.kinematics, name) for name in ("rests", "smoothing", "settings")}
         motion = Motion.of(recording, like.scales, resistance=like.resistance, **read)
+        if like.medians > 1:
+            motion = motion.quieter(like.medians)
         if like.ahead:
             motion = motion.later(like.ahead)
         if like.begin is not None:

@@ -179,12 +179,3 @@ def spread_where_it_repeats(motion: Motion, mismatch: np.ndarray, at: np.ndarray
             counts[k], spreads[k] = len(mine), float(np.median(mine)) / _HALF_NORMAL
     known = counts.sum() >= _PAIRS and int((counts > 0).sum()) >= motion.kinematics.settings.data.runs
     return (counts, spreads) if known else (0.0 * counts, 0.0 * spreads)
-
-
-def white_floor(motion: Motion, mismatch: np.ndarray) -> float:
-    """Squared size of what changes from sample to sample: noise that is white is no less.
-
-    From third differences, in which a smooth motion's share is small, by their median.
-    """
-    bends = np.concatenate([np.diff(mismatch[part], 3) for part in motion.parts])
-    return float(np.median(bends**2)) / _HALF_NORMAL / 20.0

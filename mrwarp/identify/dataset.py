@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.signal import lfilter
 
 from mrwarp.effects.law import Ranges
@@ -44,6 +45,15 @@ DIMENSIONS: dict[str, tuple[int, int, int]] = {
     "I1": (0, -1, 1),
 }
 """Powers of the scales (q, current, torque) in each parameter; the others carry none of them, or only seconds."""
+
+
+def sample_noise(samples: Dataset, x: np.ndarray) -> float:
+    """Standard deviation of what changes from sample to sample: noise that is white is no less.
+
+    From third differences, in which a smooth motion's share is small, by their median.
+    """
+    bends = np.concatenate([np.diff(x[part], 3) for part in samples.parts])
+    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(20.0))
 
 
 def rms(x: np.ndarray) -> float:
@@ -195,6 +205,8 @@ class Motion(Dataset):
     """Middle of the angles of each trajectory, shape (T,); None: of the samples that are here."""
     ahead: float = 0.0
     """Samples by which the motion was shifted because the torque is logged ahead of it."""
+    medians: int = 1
+    """Samples over which the current is a median, because its sensor is noisy."""
 
     @classmethod
     def of(
@@ -280,6 +292,11 @@ class Motion(Dataset):
         begins = np.flatnonzero(still & (firsts | ~np.roll(still, 1)))
         ends = np.flatnonzero(still & np.roll(firsts | ~still, -1)) + 1
         return [slice(int(a), int(b)) for a, b in zip(begins, ends, strict=True)]
+
+    def quieter(self, width: int) -> Motion:
+        """The motion with medians over ``width`` samples of the current."""
+        medians = [median_filter(self.current[part], width, mode="nearest") for part in self.parts]
+        return dataclasses.replace(self, current=np.concatenate(medians), medians=width)
 
     def later(self, shift: float) -> Motion:
         """The motion that was ``shift`` samples later; the last sample of a trajectory is held."""

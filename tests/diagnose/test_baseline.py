@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate, shift_stands, smooth_motion
+from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate, quiet_current, shift_stands, smooth_motion
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, refit
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.replay import EffectReplay
@@ -140,6 +140,20 @@ def test_heads_tell_a_cut_record() -> None:
     assert float(np.abs(cut.motion.torque - again.torque)[heads].mean()) < 0.5 * before
     whole, fit = _begun(0)
     assert begin_under_way(whole, fit) is whole
+
+
+@pytest.mark.parametrize(("noise", "quiet"), [(0.0, False), (0.03, True)])
+def test_noise_of_a_measured_current_is_taken_off_it(noise: float, quiet: bool) -> None:
+    """So that no play or lag is named for that; a current that is known exactly stays as it is, remanence or not."""
+    made = known.problem({} if quiet else {"remanence": {"half_width": 0.05}}, sigma=2e-3)
+    off = noise * np.random.default_rng(5).normal(size=len(made.measured))
+    logged = dataclasses.replace(made.motion, current=made.motion.current + off, torque=made.measured)
+    problem = known.posed(logged, sigma=2e-3)
+    found = quiet_current(problem, known.fitted(problem))
+    assert (found is not problem) is quiet
+    if quiet:
+        left = found.motion.current - made.motion.current
+        assert found.motion.medians > 1 and np.median(np.abs(left)) < 0.5 * np.median(np.abs(off))
 
 
 def _late(at: Motion, samples: float) -> Motion:

@@ -12,8 +12,8 @@ from mrwarp.identify.boosting import (
     end_processes,
     features,
     spread_where_it_repeats,
-    white_floor,
 )
+from mrwarp.identify.dataset import sample_noise
 from tests.diagnose import known
 
 
@@ -76,7 +76,7 @@ def test_spread_where_a_motion_comes_again_is_that_of_the_noise() -> None:
     motion, mismatch = cycles((0.61, 0.83, 1.27))
     counts, spreads = spread_where_it_repeats(motion, mismatch, np.arange(len(mismatch)))
     assert (counts > 0).all() and np.sqrt(counts @ spreads / counts.sum()) == pytest.approx(0.05, rel=0.15)
-    assert white_floor(motion, mismatch) == pytest.approx(0.05**2, rel=0.15)
+    assert sample_noise(motion, mismatch) == pytest.approx(0.05, rel=0.07)
 
 
 def test_motion_that_never_comes_again_says_nothing() -> None:
