@@ -209,7 +209,11 @@ class Misread:
 
 
 def misread(
-    parts: Sequence[Trajectory], units: Units, recorded: Collection[str], period: float = 0.0
+    parts: Sequence[Trajectory],
+    units: Units,
+    recorded: Collection[str],
+    period: float = 0.0,
+    others: Sequence[Trajectory] = (),
 ) -> Misread | None:
     """The first thing that is wrong with the units of runs.
 
@@ -218,6 +222,7 @@ def misread(
         units: Their units.
         recorded: Columns that the file has.
         period: Length after which the angle's reading begins again, in the unit that is kept; 0 where it does not.
+        others: Runs of the recording, in one unit with these, that are right as they are.
     """
     found = agreement(parts) if {"q", "qd"} <= set(recorded) else None
     if {"q", "qd"} <= set(recorded) and (found is None or found.factor < 0.0) and exchanged(parts):
@@ -237,14 +242,13 @@ def misread(
         text = f"values that begin again after {period:.5g}"
         proposed = [{**counted, "qd": "counts/s"}, {**counted, **follows}] if whole else degrees
         return Misread(column="q", problem=text, proposals=proposed)
+    large = _oversized(parts, units, angle="q" in recorded)
     # where other columns are not in the plain units either, many turns are likelier degrees
-    turned = not _oversized(parts, units) and _rotates(parts, found, period)
-    large = _oversized(parts, units, angle="q" in recorded and not turned)
-    if not large:
+    if not large or (list(large) == ["q"] and _rotates(parts, units, found, period, others)):
         return None
-    (key, (size, what, likely)), *others = large.items()
+    (key, (size, what, likely)), *more = large.items()
     text = f"values up to {size:.4g} {units.base(key)} {what}"
-    if others:
+    if more:
         each = (
             f"{name} up to {x[0]:.4g} {units.base(name)} like {(x[2] or ['no unit'])[0]}" for name, x in large.items()
         )
@@ -252,7 +256,7 @@ def misread(
     known = {"qd": units.declared["qd"]} if key == "q" and "qd" in recorded else {}
     if known and likely and found is not None and found.same:
         known = {"qd": f"{likely[0]}/s"}
-    known |= {name: x[2][0] for name, x in others if x[2]}
+    known |= {name: x[2][0] for name, x in more if x[2]}
     return Misread(column=key, problem=text, proposals=[{key: unit, **known} for unit in likely])
 
 
@@ -274,9 +278,20 @@ def _oversized(
     return found
 
 
-def _rotates(parts: Sequence[Trajectory], found: Agreement | None, period: float) -> bool:
-    """Whether an angle of many turns is one: its velocity says so, it begins again, or goes on and on."""
-    return bool(period) or (found is not None and found.same) or max(map(turns, parts)) > TURNS
+def _rotates(
+    parts: Sequence[Trajectory], units: Units, found: Agreement | None, period: float, others: Sequence[Trajectory]
+) -> bool:
+    """Whether an angle of many turns is one: its velocity says so, it begins again, or goes on and on.
+
+    So does that of other runs of many turns, which is in the same unit. That one of these goes on and on says so of
+    runs in one direction alone: a ramp over a joint's range in degrees next to its swings would look similar.
+    """
+    if period or (found is not None and found.same) or max(map(turns, parts)) > TURNS:
+        return True
+    if not others or "q" not in _oversized(others, units, angle=True):
+        return False
+    shown = agreement(others)
+    return (shown is not None and shown.same) or (min(map(turns, parts)) > 0.0 and max(map(turns, others)) > TURNS)
 
 
 def _other_period(period: float) -> float:
@@ -299,19 +314,19 @@ def check_units(
         parts: Its runs.
         units: Units of the recording.
         period: As in :func:`misread`.
-        others: Runs of other files that are right as they are.
+        others: As in :func:`misread`.
 
     Raises:
         RecordingError: with the column, the likely unit, and how to declare it.
     """
     recorded = table.columns.keys()
-    wrong = misread(parts, units, recorded, period)
+    wrong = misread(parts, units, recorded, period, others)
     if wrong is None:
         return
 
     def still(runs: Sequence[Trajectory], declared: Units) -> object:
         one = declared.convert("q", np.ones(1))[0] / units.convert("q", np.ones(1))[0]
-        return misread(runs, declared, recorded, abs(period * one))
+        return misread(runs, declared, recorded, abs(period * one), others)
 
     passed = tried(wrong.proposals, parts, units, still)
     if not passed:

@@ -108,10 +108,21 @@ def load_recording(path: str | Path, *, skip_bad: bool = False, declared: str | 
     units = read_units(path if path.is_dir() else path.parent, Path(declared) if declared else None)
     required = [name for name in REQUIRED if name != "current" or units.base("current") != NO_INPUT]
     left = MAX_BYTES
-    trajectories: list[Trajectory] = []
-    repairs: list[Repair] = []
-    refused: list[RecordingError] = []
-    origin, periods = 0.0, list[float]()
+    read: dict[Path, _Read] = {}
+    unclear: list[tuple[Table, _Read]] = []
+    shifted: list[Repair] = []
+    refused: dict[Path, RecordingError] = {}
+
+    def refuse(file: Path, error: RecordingError) -> None:
+        if len(files) == 1:
+            raise error
+        if not skip_bad:
+            raise RecordingError(f"{error}; or leave this file out with --skip-bad") from None
+        refused[file] = error
+        text = f"left out, {str(error).removeprefix(str(file)).lstrip(',: ')}"
+        read[file] = _Read(parts=[], repairs=[Repair(trajectory=file.name, kind="left_out", count=1, text=text)])
+
+    origin = 0.0
     for file in files:
         try:
             table = read_table(file, required, left, called=units.names, seconds=lambda t: units.convert("t", t))
@@ -119,23 +130,30 @@ def load_recording(path: str | Path, *, skip_bad: bool = False, declared: str | 
             if not origin and (origin := _epoch(table, units)):
                 when = datetime.fromtimestamp(origin, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
                 text = f"t is the time since 1970: it counts from {when} here"
-                repairs.append(Repair(trajectory=path.name, kind="shifted", count=1, text=text))
-            stem = file.name.removesuffix(suffix_of(file))
-            found = _checked(table, units, stem, path.is_dir(), origin, trajectories)
+                shifted.append(Repair(trajectory=path.name, kind="shifted", count=1, text=text))
+            found = _checked(table, units, file.name.removesuffix(suffix_of(file)), path.is_dir(), origin)
         except RecordingError as error:
-            if len(files) == 1:
-                raise
-            if not skip_bad:
-                raise RecordingError(f"{error}; or leave this file out with --skip-bad") from None
-            refused.append(error)
-            text = f"left out, {str(error).removeprefix(str(file)).lstrip(',: ')}"
-            repairs.append(Repair(trajectory=file.name, kind="left_out", count=1, text=text))
+            refuse(file, error)
         else:
-            trajectories += found.parts
-            repairs += found.repairs
-            periods.append(found.period)
+            read[file] = found
+            if not units.trusted and misread(found.parts, units, table.columns.keys(), found.period):
+                unclear.append((table, found))
+    # the files have one unit: those that are clear say what the others are in
+    asked = [table.file for table, _ in unclear]
+    clear = [found for file, found in read.items() if file not in asked]
+    others = [run for found in clear for run in found.parts]
+    period = max((found.period for found in clear), default=0.0)
+    for table, found in unclear:
+        try:
+            check_units(table, found.parts, units, found.period or period, others)
+        except RecordingError as error:
+            refuse(table.file, error)
+    trajectories = [run for file in files for run in read[file].parts]
+    repairs = [*shifted, *(repair for file in files for repair in read[file].repairs)]
+    period = max(found.period for found in read.values())
     if not trajectories:
-        raise RecordingError(f"{refused[0]}; --skip-bad leaves nothing: each of the {len(files)} files is refused")
+        error = refused[files[0]]
+        raise RecordingError(f"{error}; --skip-bad leaves nothing: each of the {len(files)} files is refused")
     names = [trajectory.id for trajectory in trajectories]
     if len(set(names)) < len(names):
         double = next(name for name in names if names.count(name) > 1)
@@ -144,8 +162,8 @@ def load_recording(path: str | Path, *, skip_bad: bool = False, declared: str | 
         label = path.name or str(path)
         repairs += [*factor_note(label, trajectories, units), *turns_note(label, trajectories, units)]
         repairs += _slow_note(label, trajectories, units)
-    if max(periods):
-        trajectories = _in_one_turn(trajectories, repairs, max(periods))
+    if period:
+        trajectories = _in_one_turn(trajectories, repairs, period)
     recording = Recording(
         trajectories=tuple(trajectories),
         units={key: units.base(key) for key in ("q", "current", "torque")},
@@ -273,25 +291,17 @@ class _Read:
 
     parts: list[Trajectory]
     repairs: list[Repair]
-    period: float
+    period: float = 0.0
     """Longest length after which its angle begins again; 0 where it does not."""
 
 
-def _checked(
-    table: Table, units: Units, stem: str, in_folder: bool, origin: float, others: Sequence[Trajectory]
-) -> _Read:
-    """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder.
-
-    ``others`` are those of the files before it.
-    """
+def _checked(table: Table, units: Units, stem: str, in_folder: bool, origin: float) -> _Read:
+    """The trajectories of one file, converted; the file's name ``stem`` begins their ids in a folder."""
     table = without_blanks(table, [rows for _, rows in _groups(table)])
     check_finite(table)
     if not units.trusted:
         _check_stamps(table, units, stem, in_folder)
-    found = _read(table, units, stem, in_folder, origin)
-    if not units.trusted:
-        check_units(table, found.parts, units, found.period, others)
-    return found
+    return _read(table, units, stem, in_folder, origin)
 
 
 def _read(table: Table, units: Units, stem: str, in_folder: bool, origin: float) -> _Read:

@@ -170,6 +170,28 @@ def test_one_file_in_another_unit_keeps_the_others(tmp_path: Path) -> None:
         load_recording(path)
 
 
+def test_a_velocity_that_shows_many_turns_of_one_file_shows_them_of_all(tmp_path: Path) -> None:
+    """All files have one unit: the velocity of one of them only makes noise."""
+    joints = [_joint(k, 12.0) for k in range(3)]
+    noise = {**joints[0], "qd": np.random.default_rng(0).normal(size=1500)}
+    path = _folder(tmp_path, [noise, *joints[1:]], {}, None)
+    assert np.ptp(load_recording(path).trajectories[0].q) == pytest.approx(np.ptp(noise["q"]))
+    with pytest.raises(RecordingError, match="look like deg"):
+        load_recording(_folder(tmp_path, [noise] * 3, {}, None))
+
+
+def test_a_shaft_that_goes_on_and_on_in_one_file_does_so_in_all(tmp_path: Path) -> None:
+    """One that turns slowly goes on, too; next to a ramp in degrees, swings of that size would be in degrees."""
+    t = np.arange(1500) / 250.0
+    ways = [3.0 * t, -9.0 * t, 8.0 * t]
+    runs = [{"t": t, "q": q, "current": np.ones(1500), "torque": 0.5 + 0.1 * np.cos(t)} for q in ways]
+    found = load_recording(_folder(tmp_path, runs, {}, None)).trajectories
+    assert [round(float(np.ptp(run.q))) for run in found] == [18, 54, 48]
+    swing = {**runs[0], "q": 9.0 * np.sin(t)}
+    with pytest.raises(RecordingError, match=r"0\.csv, column 'q'.* look like deg"):
+        load_recording(_folder(tmp_path, [swing, *runs[1:]], {}, None))
+
+
 def test_swapped_columns_are_exchanged_by_their_names(tmp_path: Path) -> None:
     """The declaration of the refusal reads the file as it stands."""
     joints = [_joint(k) for k in range(2)]
