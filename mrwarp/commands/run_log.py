@@ -85,13 +85,13 @@ class ImportLog(opt.LogOptions):
 
 def _check_free(out: Path, overwrite: bool) -> None:
     """Refuse a folder that holds a log; with ``overwrite``, take that log's recordings away."""
-    from mrwarp.recording.tables import suffix_of
+    from mrwarp.recording.tables import is_recording
     from mrwarp.robot_logs.robot_log import LOG_FILE
 
     there = out / LOG_FILE
     if there.exists() and not overwrite:
         raise ValueError(f"{there} is there already; choose another --out or add --overwrite")
-    for old in [file for file in out.iterdir() if suffix_of(file)] if there.exists() else []:
+    for old in list(filter(is_recording, out.iterdir())) if there.exists() else []:
         old.unlink()
 
 

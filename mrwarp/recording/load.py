@@ -41,7 +41,7 @@ from mrwarp.recording.data import (
 from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.resample import UnevenError, even_pieces, thinned
 from mrwarp.recording.saturation import mark_saturated
-from mrwarp.recording.tables import CONTAINERS, MAX_BYTES, SUFFIXES, TEXTS, Table, holds_table, read_table, suffix_of
+from mrwarp.recording.tables import KINDS, MAX_BYTES, TEXTS, Table, is_recording, read_table, suffix_of
 from mrwarp.recording.units import Units, read_units
 from mrwarp.recording.write import save_holding, save_recording
 
@@ -252,23 +252,20 @@ def _files_of(path: Path) -> list[Path]:
     """The recording's files, sorted by name."""
     files = [path]
     if path.is_dir():
-        known = [p for p in path.iterdir() if suffix_of(p) and p.name != HOLDING_FILE and not p.name.startswith(".")]
-        files = sorted(p for p in known if p.is_file() and (suffix_of(p) not in TEXTS or holds_table(p)))
+        files = sorted(p for p in path.iterdir() if is_recording(p) and p.name != HOLDING_FILE)
         if not files:
-            inside = sorted(p.name for p in path.iterdir() if p.is_dir() and any(suffix_of(f) for f in p.iterdir()))
+            inside = sorted(p.name for p in path.iterdir() if p.is_dir() and any(map(is_recording, p.iterdir())))
             hint = f"; name one of its folders: {', '.join(inside)}" if inside else ""
-            raise RecordingError(
-                f"{path}: no recording in this folder ({', '.join((*SUFFIXES, *CONTAINERS))} files){hint}"
-            )
+            if texts := sorted(p.name for p in path.iterdir() if suffix_of(p) in TEXTS):
+                hint += f"; no rows of numbers at the beginning of {', '.join(texts[:3])}"
+            raise RecordingError(f"{path}: no recording in this folder ({', '.join(KINDS)} files){hint}")
     for file in files:
         if not file.exists():
             raise RecordingError(f"{file}: there is no such file or folder; check the path")
         if not file.is_file():
             raise RecordingError(f"{file}: not a regular file; copy the data into a file first")
         if not suffix_of(file):
-            raise RecordingError(
-                f"{file}: not a known kind of recording; use {', '.join((*SUFFIXES, *CONTAINERS, *TEXTS))}"
-            )
+            raise RecordingError(f"{file}: not a known kind of recording; use {', '.join(KINDS)}")
     return files
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mrwarp.recording.data import RecordingError
+from mrwarp.recording.tables import KINDS, is_recording
 
 
 def records_of(folder: Path) -> list[Path]:
@@ -15,11 +16,12 @@ def records_of(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise RecordingError(f"{folder}: is no folder; name one that holds a calibration record after another")
-    suffixes = (".csv", ".csv.gz", ".parquet")
-    found = [p for p in sorted(folder.iterdir()) if p.is_dir() or p.name.endswith(suffixes)]
+    found = [p for p in sorted(folder.iterdir()) if p.is_dir() or is_recording(p)]
     found = [p for p in found if not p.name.startswith((".", "holding"))]
     if not found:
-        raise RecordingError(f"{folder}: holds no record; put a .csv or .parquet file, or a folder, per calibration")
+        raise RecordingError(
+            f"{folder}: holds no record; put a file ({', '.join(KINDS)}), or a folder, per calibration"
+        )
     return found
 
 

@@ -30,6 +30,9 @@ TEXTS = (".tsv", ".txt", ".dat", ".asc", ".tsv.gz", ".txt.gz", ".dat.gz")
 CONTAINERS = (".mat", ".npz", ".xlsx")
 """Further file types that hold a joint's recording."""
 
+KINDS = (*SUFFIXES, *CONTAINERS, *TEXTS)
+"""All that a joint's recording may be, alone or in a folder."""
+
 MAX_BYTES = 2**29
 """Largest recording that is read, all files together and uncompressed [bytes]: 512 MiB, 14 hours at 200 Hz."""
 
@@ -77,8 +80,13 @@ class Table:
 
 def suffix_of(path: Path) -> str:
     """The recording suffix of a file name, or an empty string."""
-    known = (*CONTAINERS, *TEXTS, *SUFFIXES)
-    return next((s for s in sorted(known, key=len, reverse=True) if path.name.lower().endswith(s)), "")
+    return next((s for s in sorted(KINDS, key=len, reverse=True) if path.name.lower().endswith(s)), "")
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path of a folder is a recording: a file with one of the endings, and no note as a text."""
+    suffix = "" if path.name.startswith(".") or not path.is_file() else suffix_of(path)
+    return bool(suffix) and (suffix not in TEXTS or holds_table(path))
 
 
 def holds_table(file: Path) -> bool:

@@ -24,6 +24,8 @@ NO_ID = "no trajectory id; fill in the column or leave it out"
 MARKS = ("#", "%")
 """Beginnings of lines that are no data: a header, or the names of columns as numpy and MATLAB write them."""
 
+_SEPARATORS = ("\t", ";", ",", None)
+"""Separators of cells; None: white space."""
 _PIECE = 2**22
 """Bytes that are parsed at once: many rows, and little memory."""
 _LOOKED_AT = 40
@@ -307,7 +309,7 @@ def _value(text: str) -> Any:
 
 def _separator(line: str) -> str | None:
     """Separator of a line's cells: the most frequent of tabulator, semicolon and comma; None: white space."""
-    most = max(("\t", ";", ","), key=line.count)
+    most = max(filter(None, _SEPARATORS), key=line.count)
     return most if line.count(most) else None
 
 
@@ -335,15 +337,26 @@ def _joined(names: Sequence[str]) -> list[str]:
 
 
 def _numbers(line: str) -> int:
-    """Cells of a line that holds numbers alone; 0 for any other."""
-    cells = _split(line, _separator(line))
-    return len(cells) if len(cells) > 1 and all(_reads(cell.replace(",", ".")) for cell in cells) else 0
+    """Cells of a line that holds numbers alone, by any separator: a decimal comma is none; 0 for any other line."""
+    rows = [_split(line, separator) for separator in _SEPARATORS]
+    return max(len(row) if len(row) > 1 and all(map(_reads, row)) else 0 for row in rows)
+
+
+def _is_row(line: str) -> bool:
+    """Whether a line may be a table's row: three cells or more, two numbers at least, one text at most as its id."""
+    rows = {separator: _split(line, separator) for separator in _SEPARATORS}
+    return any(
+        len(row) > 2
+        and sum(_reads(cell) and cell not in EMPTY for cell in row) > 1
+        and sum(not _reads(cell) for cell in row) <= (separator is not None)  # words stand between spaces
+        for separator, row in rows.items()
+    )
 
 
 def _reads(cell: str) -> bool:
-    """Whether a cell is a number or empty."""
+    """Whether a cell is a number, of either decimal sign, or empty."""
     try:
-        return cell.strip() in EMPTY or np.isfinite(float(cell))
+        return cell.strip() in EMPTY or np.isfinite(float(cell.replace(",", ".")))
     except ValueError:
         return False
 
@@ -373,8 +386,8 @@ def pieces_of(stream: BinaryIO, before: bytes, limit: int, refuse: Callable[[int
 
 
 def looks_tabular(data: bytes) -> bool:
-    """Whether a text holds a table: three lines of as many numbers, three or more, within its beginning."""
+    """Whether a text holds a table: three rows of one, one after another, within its beginning."""
     if any(byte < 9 or 13 < byte < 32 for byte in data):
         return False
-    counts = [_numbers(line.strip()) for line in data.decode("utf-8", "replace").splitlines()[: 2 * _LOOKED_AT]]
-    return any(a == b == c and a > 2 for a, b, c in zip(counts, counts[1:], counts[2:], strict=False))
+    rows = [_is_row(line) for line in data.decode("utf-8", "replace").splitlines()[: 2 * _LOOKED_AT]]
+    return any(map(all, zip(rows, rows[1:], rows[2:], strict=False)))

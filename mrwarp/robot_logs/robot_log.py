@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from mrwarp.recording.data import DEGREES, RecordingError
-from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
+from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, is_recording, read_table, suffix_of
 from mrwarp.robot_logs.kinds import LOG_FILE, kind_of
 from mrwarp.run_dir import no_file, one_line
 
@@ -144,7 +144,7 @@ def load_log(path: Path, *, skip_bad: bool = False) -> RobotLog:
     """
     path = path.parent if path.name == LOG_FILE else path
     header = _header(path)
-    files = sorted(file for file in path.iterdir() if suffix_of(file))
+    files = sorted(filter(is_recording, path.iterdir()))
     if not files:
         raise LogError(f"{path}: no recordings next to {LOG_FILE}; add {', '.join(SUFFIXES)} files")
     units = _units(path, header)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 
 from mrwarp import cli
 from mrwarp.recording.load import RecordingError, load_recording
+from mrwarp.recording.records import records_of
+from mrwarp.recording.tables import KINDS
 from mrwarp.recording.text_tables import read_head
 from tests.recording.recordings import columns
 
@@ -46,6 +49,32 @@ def test_tables_of_other_programs_are_read(tmp_path: Path, case: str, name: str)
     (run,) = load_recording(tmp_path).trajectories
     for key, x in columns().items():
         np.testing.assert_allclose(getattr(run, key), x, rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_folder_takes_what_a_file_may_be(tmp_path: Path, kind: str) -> None:
+    """One list of endings: no recording is overlooked, whichever it has."""
+    path = tmp_path / f"a{kind}"
+    path.write_bytes(b"t q\n1 2 3\n1 2 3\n1 2 3\n")
+    with pytest.raises(RecordingError, match=re.escape(str(path))):
+        load_recording(path)
+    with pytest.raises(RecordingError, match=re.escape(str(path))):
+        load_recording(tmp_path)
+    assert records_of(tmp_path) == [path]
+
+
+def test_texts_with_decimal_commas_blanks_and_names_are_found_in_a_folder(tmp_path: Path) -> None:
+    """A torque in every second row, and a column of names, leave a table one; a note alone is refused as none."""
+    (tmp_path / "README.txt").write_text("Bench 4, recorded on day 3\nt, q, current, torque\n1, 2, 3\n")
+    with pytest.raises(RecordingError, match=r"\.csv, .*\.txt.* files\); no rows of numbers .* README\.txt"):
+        load_recording(tmp_path)
+    rows = [[f"{x:.4f}".replace(".", ",") for x in row] for row in np.column_stack(list(columns().values()))]
+    blanks = [[*row[:-1], "" if k % 2 else row[-1]] for k, row in enumerate(rows)]
+    named = [[*row, "up"] for row in rows]
+    for name, table, more in (("a.txt", blanks, ""), ("b.dat", named, ",trajectory")):
+        lines = [*(NAMES + more).split(",")], *table
+        (tmp_path / name).write_text("Bench 4\n" + "".join("\t".join(line) + "\n" for line in lines))
+    assert [run.id for run in load_recording(tmp_path).trajectories] == ["a", "b/up"]
 
 
 @pytest.mark.parametrize(
