@@ -186,7 +186,8 @@ def fit_model(
     _, inside, outside = losses(equations, free, len(x))
     # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
     squares = equations.parts[:, -1, -1]
-    return Fit(parameters, x, torque, slopes, squares, squares + outside - inside, equations, free)
+    added = np.subtract(outside, inside, out=np.zeros_like(squares), where=np.isfinite(squares))
+    return Fit(parameters, x, torque, slopes, squares, squares + added, equations, free)
 
 
 def _minimum(

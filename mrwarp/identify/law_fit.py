@@ -138,10 +138,8 @@ class LawSearch:
         """
         torque, slopes = jacobian(self.replay, layout, x)
         rows = np.vstack([slopes, (self.motion.torque - torque)[None]])
-        if not np.isfinite(rows).all():
-            parts = np.full((len(self.motion.parts), len(rows), len(rows)), np.inf)
-            return Quadratic(np.inf, np.zeros((len(slopes), len(slopes))), np.zeros(len(slopes)), (torque, parts))
-        parts = self._grams(rows)
+        finite = np.isfinite(rows).all()
+        parts = self._grams(rows) if finite else np.full((len(self.motion.parts), len(rows), len(rows)), np.inf)
         return Quadratic.of(parts.sum(axis=0), (torque, parts))
 
     def loss(self, layout: Parameters, x: np.ndarray) -> float:

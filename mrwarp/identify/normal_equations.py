@@ -55,6 +55,8 @@ def bounded_solve(gram: np.ndarray, moment: np.ndarray, bounded: np.ndarray) -> 
 class NormalEquations:
     """Whitened Gram matrices of signals, one per trajectory, with offsets and factors marginalised.
 
+    That of signals that are not finite, as of a replay that overflows, is infinite.
+
     Args:
         blocks: The signals, in blocks of shape (k, N) that together have M rows.
         torque: Simulated torque, for the factor of each trajectory, shape (N,).
@@ -90,19 +92,22 @@ class NormalEquations:
             for at, block in zip(cuts[:-1], blocks, strict=True):
                 table[at : at + len(block)] = block[:, here]
             table[size], table[size + 1] = 1.0, torque[here]
-            table = noise.white(table)
-            table *= counts[here]
-            inside = [table[:, part.start - here.start : part.stop - here.start] for part in parts]
-            return [signals @ signals.T for signals in inside]
+            with np.errstate(invalid="ignore"):
+                table = noise.white(table)
+                table *= counts[here]
+                inside = [table[:, part.start - here.start : part.stop - here.start] for part in parts]
+                return [signals @ signals.T for signals in inside]
 
         with ThreadPoolExecutor(threads) as pool:
             grams = np.array([gram for some in pool.map(reduced, _together(samples.parts)) for gram in some])
-        self.parts, found = without_nuisances(grams, size, 1.0 / spread**2)
+        finite = np.all(np.isfinite(grams), axis=(1, 2))
+        self.parts, found = without_nuisances(np.where(finite[:, None, None], grams, 0.0), size, 1.0 / spread**2)
         """Shape (T, M, M)."""
         if derivatives:
             factors = np.maximum(1.0 + found[:, 1, -1], _LEAST_FACTOR)[:, None, None]
             self.parts[:, :-1] *= factors
             self.parts[:, :, :-1] *= factors
+        self.parts[~finite] = np.inf
         self.count = float(counts.sum())
         """Samples that count."""
         self.total = self.parts.sum(axis=0)

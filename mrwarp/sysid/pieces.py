@@ -48,7 +48,13 @@ class Quadratic:
 
     @classmethod
     def of(cls, gram: np.ndarray, content: Any = None) -> Quadratic:
-        """From the Gram matrix of [derivatives, mismatch], shape (P + 1, P + 1)."""
+        """From the Gram matrix of [derivatives, mismatch], shape (P + 1, P + 1).
+
+        One that is not finite, as of a replay that overflows, has an infinite loss, and no step leads on from there.
+        """
+        if not np.isfinite(gram).all():
+            gram = np.zeros_like(gram)
+            gram[-1, -1] = np.inf
         return cls(float(gram[-1, -1]), gram[:-1, :-1], gram[:-1, -1], content)
 
     def gain(self, step: np.ndarray) -> float:
@@ -73,7 +79,11 @@ class Pieces:
 
     @classmethod
     def of_grams(cls, grams: np.ndarray) -> Self:
-        """From Gram matrices of [derivatives, mismatch], shape (N, P + 1, P + 1)."""
+        """From Gram matrices of [derivatives, mismatch], shape (N, P + 1, P + 1); see :meth:`Quadratic.of`."""
+        finite = np.all(np.isfinite(grams), axis=(1, 2))
+        if not finite.all():
+            grams = np.where(finite[:, None, None], grams, 0.0)
+            grams[~finite, -1, -1] = np.inf
         return cls(information=grams[:, :-1, :-1], score=grams[:, :-1, -1], square=grams[:, -1, -1])
 
     def left(self, change: np.ndarray) -> np.ndarray:

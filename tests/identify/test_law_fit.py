@@ -153,3 +153,5 @@ def test_a_torque_beyond_32_bits_ends_no_search(monkeypatch: pytest.MonkeyPatch)
         assert search.evaluate(layout, x + 2.0 * far).loss == np.inf
         found = search.descend(layout, x)
         assert found.x[-1] <= x[-1] + far and 0.0 < found.loss.sum() <= search.evaluate(layout, x).loss
+        far = -np.inf
+        assert (search.descend(layout, x).held_out == np.inf).all()  # from such a start there is no candidate

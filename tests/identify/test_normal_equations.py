@@ -47,6 +47,19 @@ def test_offsets_and_factors_are_marginalised(table: tuple) -> None:
     np.testing.assert_allclose(found.total, found.parts.sum(0))
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_signals_that_are_not_finite_leave_an_infinite_loss(table: tuple) -> None:
+    """A replay that overflows in one trajectory is judged as one that explains nothing, without a warning."""
+    rows, torque, samples = table
+    rows, torque = rows.copy(), torque.copy()
+    rows[-1, samples.parts[1]] = torque[samples.parts[1]] = -np.inf
+    weight = np.ones(rows.shape[1])
+    found = NormalEquations([rows], torque, samples, noise(0.2, 0.1), weight, derivatives=True)
+    assert found.total[-1, -1] == np.inf and np.isfinite(found.parts[-1]).all()
+    _, inside, outside = losses(found, [0, 1, 2, 3], COLUMNS)
+    assert inside[1] == outside[1] == np.inf and np.isfinite(outside[-1])
+
+
 def test_derivatives_follow_the_factor_of_their_trajectory(table: tuple) -> None:
     """The slope of the loss over a model's numbers, where trajectories differ by large factors, is that of the loss."""
     rows, _, samples = table

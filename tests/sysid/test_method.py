@@ -8,9 +8,9 @@ from scipy import stats
 
 from mrwarp.sysid.certainty import BY_CHANCE, agreement, by_ratio, clearness, gain_and_t, two_sizes
 from mrwarp.sysid.jackknife import effective_count, jackknife, student, sum_and_error
-from mrwarp.sysid.least_squares import ridge_solve
+from mrwarp.sysid.least_squares import minimise, ridge_solve
 from mrwarp.sysid.left_out import in_a_row, left_out, one_step, predicted
-from mrwarp.sysid.pieces import Quadratic, about_origin
+from mrwarp.sysid.pieces import Pieces, Quadratic, about_origin
 from mrwarp.sysid.plant import Listed
 from mrwarp.sysid.stepwise import eliminated, searched
 from mrwarp.sysid.verdict import VERDICTS, Verdict
@@ -74,6 +74,20 @@ def test_left_out_pieces_are_predicted_by_fits_without_them() -> None:
             want = np.linalg.solve(*rest.sums())
             np.testing.assert_allclose(change[fold], np.tile(want, (len(fold), 1)), rtol=1e-5)
             np.testing.assert_allclose(loss[fold], pieces.some(fold).left(want), rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_a_replay_that_is_not_finite_has_an_infinite_error(value: float) -> None:
+    """It is no candidate: its error compares with any other, and a search that begins there stays."""
+    grams = np.stack([np.diag([4.0, 2.0, 1.0])] * 5)
+    grams[1, 2] = grams[1, :, 2] = value
+    change, loss = predicted(Pieces.of_grams(grams))
+    np.testing.assert_array_equal(loss, [1.0, np.inf, 1.0, 1.0, 1.0])
+    assert not change.any() and loss.sum() > 1e30
+    bounds = -np.ones(2), np.ones(2)
+    found = minimise(lambda x: Quadratic.of(grams[1]), np.zeros(2), *bounds)
+    assert found.quadratic.loss == np.inf and not found.x.any()
 
 
 def test_leaving_out_by_one_step_is_the_same_to_first_order() -> None:
