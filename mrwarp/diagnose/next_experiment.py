@@ -35,6 +35,9 @@ _SLAB = 24
 """Sizes whose signals share one table."""
 _RUN = (3.0, 10.0)
 """Shortest and longest run [s]."""
+_ROUND = math.tau
+"""Widest range of an angle that a swing is a part of [rad]: of a joint that turns on and on, all that depends on the
+place comes again after a turn, and wider swings at its speed would take as much longer."""
 _LONGEST = 36000.0
 """An experiment that would last longer [s] is not proposed."""
 _AWAY = 0.7
@@ -53,7 +56,7 @@ class Standard(NamedTuple):
     motion: str
     """The motion in words, with its amplitude and frequencies."""
     size: float
-    """Amplitude over the range of the angle [1]."""
+    """Amplitude over the range of the angle, or over a turn where that is less [1]."""
     low: float
     """Frequencies at the start and the end of each run [Hz], where the speed of the data allows them."""
     high: float
@@ -212,7 +215,9 @@ def _described(problem: Problem, kind: str, trial: Motion, missed: float, names:
         "run_seconds": run,
         "rate": 1.0 / like.ranges.dt,
     }
-    motion = standard.motion.format(a=measured(size * scales.q, units["q"]), low=f"{low:.2g}", high=f"{high:.2g}")
+    first, last = f"{low:.2g}", f"{high:.2g}"
+    form = _STEADY if standard.motion == _SWEEP and first == last else standard.motion
+    motion = form.format(a=measured(size * scales.q, units["q"]), low=first, high=last)
     top_text = measured(top, units["current"])
     current = _CURRENTS[standard.current].format(name=quantity("current", units), top=top_text)
     what = f"in {runs} runs of {run:.3g} s, {current} while the joint {motion}"
@@ -233,7 +238,8 @@ def _swing(like: Motion, standard: Standard) -> tuple[float, float, float]:
     No faster than the data in speed or acceleration: beyond, the errors of the replay's own step and of the smoothed
     motion grow, and would pass for an effect that acts at reversals.
     """
-    size = standard.size * like.ranges.q
+    r = like.ranges
+    size = standard.size * (min(r.q, _ROUND * r.radian) if r.radian else r.q)
     by_speed = float(np.abs(like.qd).max()) / size
     by_acceleration = math.sqrt(float(np.percentile(np.abs(like.qdd), 99.5)) / size)
     most = min(by_speed, by_acceleration) / (2.0 * np.pi)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mrwarp.diagnose import next_experiment
 from mrwarp.diagnose.next_experiment import propose, repeated
 from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
@@ -12,9 +13,12 @@ from tests.diagnose import known
 CURRENT = ("current steps", "current steps, slow swing", "current staircase")
 
 
-def ambiguous(named: str, rival: str, numbers: dict[str, dict[str, float]], sigma: float = 0.05):
+def ambiguous(named: str, rival: str, numbers: dict[str, dict[str, float]], sigma: float = 0.05, turns: float = 0.0):
     """A problem and a search that could not distinguish two effects."""
-    problem = known.problem({named: numbers[named]}, seed=60, at=known.motion(60, runs=6, seconds=3.0), sigma=sigma)
+    at = known.motion(60, runs=6, seconds=3.0)
+    if turns:
+        at = replace(at, ranges=replace(at.ranges, q=2.0 * np.pi * turns, turns=turns))
+    problem = known.problem({named: numbers[named]}, seed=60, at=at, sigma=sigma)
     base = known.fitted(problem)
     fits = {name: known.fitted(problem, {name: numbers[name]}) for name in (named, rival)}
     return problem, Selection(
@@ -81,6 +85,17 @@ def test_experiments_stay_within_the_motion_of_the_data() -> None:
     assert omega * size <= 1.001 * np.abs(problem.motion.qd).max()
     assert omega**2 * size <= 1.001 * np.abs(problem.motion.qdd).max()
     assert 2.0 * size <= problem.motion.ranges.q
+
+
+def test_a_joint_that_turns_on_and_on_swings_within_a_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not by a part of all its turns; a sweep that its speed leaves no room for is described as a steady swing."""
+    sweep = next_experiment.STANDARD["wide swings"]._replace(low=0.5)
+    monkeypatch.setattr(next_experiment, "STANDARD", {"wide swings": sweep})
+    found = propose(*ambiguous("coulomb_friction", "stribeck", FRICTION, turns=20.0), 1)
+    assert found is not None and found.settings["amplitude"] == pytest.approx(0.9 * np.pi)
+    low = found.settings["frequency_low"]
+    assert low == found.settings["frequency_high"] < 0.5
+    assert found.what.endswith(f"the joint swings by ±2.83 rad at {low:.2g} Hz")
 
 
 def test_friction_is_told_by_the_motion() -> None:
