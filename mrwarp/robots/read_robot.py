@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
-from scipy.spatial.transform import Rotation
 
 from mrwarp.robots.foreign import Coupling, ForeignRobot, Keyframe, RobotFileError, prim_names
 from mrwarp.robots.guesses import Guess, Subject
@@ -59,11 +58,10 @@ def _read_urdf(path: Path, meshes: Meshes, base: str | None) -> ForeignRobot:
 
     def add(builder: Any) -> None:
         builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
-        quat = Rotation.from_euler("xyz", urdf.mount[1]).as_quat().tolist()
         # a root that is held is read as one that floats: else it is dropped with its mass
-        builder.add_urdf(urdf.text, xform=(*urdf.mount[0], *quat), floating=urdf.base is not None)
+        builder.add_urdf(urdf.text, floating=urdf.base is not None)
 
-    robot = read_by_newton(path, add, urdf.base)
+    robot = read_by_newton(path, add, urdf.base).upright(urdf.mount)
     robot.base_said = "user" if base else "file" if urdf.base_said else ""
     robot.notes += urdf.notes
     pairs = [prim_names(pair) for pair in urdf.mimics.items()]

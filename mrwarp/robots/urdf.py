@@ -11,6 +11,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from mrwarp.robots.foreign import RobotFileError
 from mrwarp.robots.guesses import Guess, Subject, some
@@ -37,8 +38,8 @@ class Urdf:
     """Whether its root floats or is held, one of :data:`BASES`; None: hinges or sliders join it to the link world."""
     base_said: bool
     """Whether the file says so, by such a link."""
-    mount: tuple[list[float], list[float]]
-    """Where the link world bears the root: place [m] and roll, pitch, yaw [rad]."""
+    mount: Rotation
+    """The root in the link world."""
     notes: list[Guess]
     """Notes on the base, and on what was left out."""
     mimics: dict[str, str]
@@ -72,8 +73,8 @@ def checked_urdf(path: Path, meshes: Meshes, base: str | None) -> Urdf:
     _check_numbers(path, root)
     notes = [Guess(subject=Subject.BASE, text=text) for text in _add_ground(root)]
     notes += [Guess(subject=Subject.OMITTED, text=text) for text in _without_idle_mimics(root)]
-    mount, said = ([0.0] * 3, [0.0] * 3), _check_tree(path, root) == GROUND
-    base = (base or "free") if not said else _off_the_ground(path, root, base, mount)
+    said = _check_tree(path, root) == GROUND
+    base, mount = _off_the_ground(path, root, base) if said else (base or "free", Rotation.identity())
     for limit in root.iterfind("joint[@type='continuous']/limit"):  # it has none there, but Newton would take them
         for which in ("lower", "upper"):
             limit.attrib.pop(which, None)
@@ -112,13 +113,12 @@ def _without_idle_mimics(root: ET.Element) -> list[str]:
     return [f"<mimic> of {names} was left out: the joint is fixed"] if idle else []
 
 
-def _off_the_ground(
-    path: Path, root: ET.Element, base: str | None, mount: tuple[list[float], list[float]]
-) -> str | None:
-    """Take the ground off, and its one joint that is fixed or floating, whose place goes into ``mount``.
+def _off_the_ground(path: Path, root: ET.Element, base: str | None) -> tuple[str | None, Rotation]:
+    """Take the ground off, and its one joint that is fixed or floating.
 
     Returns:
-        Whether the root floats or is held; None: other joints lead to the ground, which stays.
+        Whether the root floats or is held, and its rotation in the ground; None: other joints lead to the ground,
+        which stays.
 
     Raises:
         RobotFileError: the user lets a robot float which such joints join to the ground.
@@ -132,13 +132,12 @@ def _off_the_ground(
                 f"{path}: --base free: {names} join the robot to the link {GROUND}, so that no base is left to float; "
                 "leave --base out"
             )
-        return None
-    for origin in own[0].iterfind("origin"):
-        for numbers, name in zip(mount, ("xyz", "rpy"), strict=True):
-            numbers[:] = [float(word) for word in origin.get(name, "0 0 0").split()]
+        return None, Rotation.identity()
+    angles = next((origin.get("rpy", "0 0 0") for origin in own[0].iterfind("origin")), "0 0 0")
     root.remove(own[0])
     root.remove(next(link for link in root.iterfind("link") if link.get("name") == GROUND))
-    return base or {"fixed": "fixed", "floating": "free"}[kinds[0] or ""]
+    mount = Rotation.from_euler("xyz", [float(word) for word in angles.split()])
+    return base or {"fixed": "fixed", "floating": "free"}[kinds[0] or ""], mount
 
 
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")

@@ -13,10 +13,12 @@ from scipy.spatial.transform import Rotation
 from mrwarp.cli import main
 from mrwarp.robots import newton_robot
 from mrwarp.robots.foreign import Body
+from mrwarp.robots.read_robot import read_robot
 from mrwarp.robots.second.body_sum import urdf_tree, usd_tree
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.open_stage import open_stage
 from mrwarp.usd.robot_layout import read_notes
+from tests.robots.test_foreign_files import urdf
 
 HAND = """
 <robot name="hand"><link name="palm"><inertial><mass value="2"/>{inertia}</inertial></link>
@@ -127,6 +129,37 @@ def test_the_shipped_robot_is_summed_from_its_stage() -> None:
     assert tree is not None and sum(tie.kind == "hinge" for tie in tree.ties) == 12
     matrix, _ = tree.dynamics({}, True, Rotation.identity())
     assert matrix[0, 0] == pytest.approx(sum(link.mass for link in tree.links.values()))
+
+
+MOUNT = '<joint name="mount" type="{}"><origin xyz="0 0 1" rpy="0.1 0.2 0.4"/><parent link="world"/>'
+
+
+def mounted(path: Path, kind: str, trunk: str) -> Path:
+    """A URDF whose trunk a tilted joint of the world bears."""
+    more = f'<link name="world"/>{MOUNT.format(kind)}<child link="{trunk}"/></joint></robot>'
+    path.write_text(path.read_text().replace("</robot>", more))
+    return path
+
+
+@pytest.mark.parametrize("top", [0.013, 0.0220000001])  # MuJoCo does not read the second
+def test_a_mount_that_tilts_an_arm(top: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Axis and weight have the rotation of the base in the world, by both second readings."""
+    path = mounted(hand(tmp_path, (0.01, 0.012, top)), "fixed", "palm")
+    (swing,) = read_robot(path).joints
+    tilted = Rotation.from_euler("xyz", [0.1, 0.2, 0.4]).apply([0.0, 1.0, 0.0])
+    np.testing.assert_allclose(swing.in_parent.rotation.apply(swing.axis), tilted, atol=1e-6)
+    code, _ = imported(path)
+    said = capsys.readouterr()
+    by = "MuJoCo" if top < 0.02 else "sums over the bodies"
+    assert code == 0 and f"are what {by} reads, within" in said.out, said
+
+
+@pytest.mark.parametrize("kind", ["fixed", "floating"])
+def test_a_mount_that_tilts_a_dog(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Up in the world is up for its trunk."""
+    code, _ = imported(mounted(urdf(tmp_path), kind, "trunk"), "--base", "free")
+    said = capsys.readouterr()
+    assert code == 0 and "are what MuJoCo reads, within" in said.out, said
 
 
 def test_choices_are_no_differences(robot: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:

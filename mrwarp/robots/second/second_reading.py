@@ -225,13 +225,15 @@ def _urdf(robot: ForeignRobot) -> Reading:
 
 
 def _float(root: ET.Element, trunk: str) -> None:
-    """Put a floating joint under the trunk, which MuJoCo would weld to the world."""
-    for joint in [joint for joint in root.iterfind("joint") if joint.find("child").get("link") == trunk]:  # type: ignore[union-attr]
+    """Put a floating joint under the trunk, which MuJoCo would weld to the world, where the ground bears it."""
+    borne = [joint for joint in root.iterfind("joint") if joint.find("child").get("link") == trunk]  # type: ignore[union-attr]
+    for joint in borne:
         root.remove(joint)
     for link in [link for link in root.iterfind("link") if link.get("name") == GROUND]:
         root.remove(link)
     ET.SubElement(root, "link", name="mrwarp_ground")
     joint = ET.SubElement(root, "joint", name="mrwarp_floating", type="floating")
+    joint.extend(origin for own in borne for origin in own.iterfind("origin"))
     ET.SubElement(joint, "parent", link="mrwarp_ground")
     ET.SubElement(joint, "child", link=trunk)
 
