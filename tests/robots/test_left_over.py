@@ -36,6 +36,12 @@ CASES = {
     "a default": ({"in_default": 'frictionloss="0.4"'}, "joint frictionloss (stiff: 0.4)"),
     "damping that no servo takes": ({"joint": 'damping="0.3"'}, "joint damping (j1: 0.3)"),
     "the same by default": ({"in_default": 'damping="0.3"'}, "joint damping (j1: 0.3)"),
+    "damping that grows with speed": (
+        {"joint": 'damping="0.3 0.2 0.05"'},
+        "joint damping beyond its linear term (j1: 0.3 0.2 0.05)",
+    ),
+    "a spring that stiffens": ({"joint": 'stiffness="6 0 3"'}, "joint stiffness (j1: 6 0 3)"),
+    "damping of an actuator": ({"actuator": SERVO.format(more='damping="0 0.2"')}, "position damping (a: 0 0.2)"),
     "velocity": (
         {"actuator": '<velocity joint="j1" kv="3" gear="2" forcerange="-9 9"/>'},
         "velocity actuators were left out: 12 N·m·s/rad of j1",

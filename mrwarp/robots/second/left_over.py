@@ -65,6 +65,7 @@ ASIDE = {
 """Elements, attributes, and attributes of an element that draw, book memory or comment: named without their values."""
 
 PARTLY: Mapping[str, tuple[str, Callable[[str], bool]]] = {
+    "joint damping": ("beyond its linear term", lambda text: any(float(word) for word in text.split()[1:])),
     "geom friction": ("beyond sliding", lambda text: len(text.split()) > 1),
     "geom contype": ("as a mask", lambda text: text not in ("0", "1")),
     "geom conaffinity": ("as a mask", lambda text: text not in ("0", "1")),
