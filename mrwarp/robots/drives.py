@@ -29,6 +29,8 @@ class Drive:
     """[N·m]"""
     gains_from: str
     """Where the gains come from: ``file``, ``option`` or ``rule``."""
+    kd_ruled: bool
+    """Whether Kd is by rule, with Kp or without."""
     limit_from: str
     """Where the torque limit comes from: ``file`` or ``option``."""
 
@@ -73,11 +75,13 @@ def drives_of(robot: ForeignRobot, joints: Sequence[Joint], choices: Choices) ->
         raise RobotFileError(f"{robot.path}: {_without_motor(bare, joints)}")
     drives = {joint.name: _drive(joint, choices) for joint in joints}
     ruled = [name for name, drive in drives.items() if drive.gains_from == "rule"]
-    text = (
+    bare = [name for name, drive in drives.items() if drive.kd_ruled and name not in ruled]
+    texts = {
         f"no gains for {some(ruled)}: Kp = {KP_PER_LIMIT:g}/rad of the torque limit, Kd = {KD_PER_KP:g} s of Kp; "
-        "--kp and --kd change them"
-    )
-    return drives, [Guess(subject=Subject.GAINS, text=text)] * bool(ruled)
+        "--kp and --kd change them": ruled,
+        f"no damping for {some(bare)}: Kd = {KD_PER_KP:g} s of Kp; --kd changes it": bare,
+    }
+    return drives, [Guess(subject=Subject.GAINS, text=text) for text, names in texts.items() if names]
 
 
 def _without_motor(bare: Sequence[str], joints: Sequence[Joint]) -> str:
@@ -100,10 +104,16 @@ def _drive(joint: Joint, choices: Choices) -> Drive:
         kp, source = KP_PER_LIMIT * limit, "rule"
     if (own := chosen(choices.kp, joint.name)) is not None:
         kp, kd, source = own, None, "option"
-    kd = KD_PER_KP * kp if kd is None else kd
     if (own := chosen(choices.kd, joint.name)) is not None:
         kd, source = own, "option" if source == "file" else source
-    return Drive(kp=kp, kd=kd, torque_limit=limit, gains_from=source, limit_from="option" if given else "file")
+    return Drive(
+        kp=kp,
+        kd=KD_PER_KP * kp if kd is None else kd,
+        torque_limit=limit,
+        gains_from=source,
+        kd_ruled=kd is None,
+        limit_from="option" if given else "file",
+    )
 
 
 def with_rotors(robot: ForeignRobot, drives: Mapping[str, Drive], choices: Choices) -> tuple[ForeignRobot, list[str]]:

@@ -31,3 +31,15 @@ def test_without_any_motor_a_limit_is_asked_for(file: Callable[..., Path]) -> No
     """Nothing shows which joints are passive."""
     with pytest.raises(RobotFileError, match="FL_roll has no torque limit; give --torque-limit"):
         understand(read_robot(file(DOG, passive="_")), Choices())
+
+
+@pytest.mark.parametrize("choices", [Choices(), Choices(kp={"*": 50.0})])
+def test_damping_by_rule_is_a_guess(choices: Choices, file: Callable[..., Path]) -> None:
+    """Kp of the file or of the user without a Kd: by joint, less those that have one."""
+    text = "no damping for FL_pitch, FL_knee, FR_roll and others: Kd = 0.02 s of Kp; --kd changes it"
+    more = Choices(kp=choices.kp, kd={"FL_roll": 2.0})
+    understood = understand(read_robot(file(DOG)), more)
+    assert any(text in note and "[gains" in note for note in understood.notes), understood.notes
+    assert understood.drives["FL_knee"].kd == pytest.approx(0.02 * understood.drives["FL_knee"].kp)
+    every = understand(read_robot(file(DOG)), Choices(kp=choices.kp, kd={"*": 2.0}))
+    assert not any("[gains" in note for note in every.notes)
