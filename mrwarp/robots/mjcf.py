@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,10 @@ SPLIT = 1e-6
 of a written robot are exact to, and enough for a body."""
 
 UNEVEN = "ranges of actuators that are not symmetric were taken as such, by their larger end"
+
+AWAY = "gains that drive away were left out"
+
+SHARED = "actuators that share a joint were added up"
 
 EQUAL = 1e-9
 """Share of a number that is rounding."""
@@ -284,35 +289,72 @@ class _Compiled:
             low, high = model.jnt_actfrcrange[j]
             if model.jnt_actfrclimited[j] and _uneven(low, high):
                 left.setdefault(UNEVEN, []).append(f"{low:g} to {high:g} of {joint.name}")
+        driving: dict[int, list[int]] = {}
         for k in range(model.nu):
-            joint = joints.get(int(model.actuator_trnid[k, 0]))
-            if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
-                others.append(model.actuator(k).name or f"actuator_{k}")
-                continue
-            for kind, text in self._left_of(k, joint):
+            j = int(model.actuator_trnid[k, 0])
+            if model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT and j in joints:
+                driving.setdefault(j, []).append(k)
+            else:
+                others.append(self._actuator_label(k))
+        for j, own in driving.items():
+            joint = joints[j]
+            self._add_up(joint, own)
+            found = [part for k in own for part in self._left_of(k, joint)]
+            if own[1:]:
+                self._check_sum(joint, own, found)
+                found.append((SHARED, " and ".join(map(self._actuator_label, own))))
+            for kind, text in found:
                 left.setdefault(kind, []).append(f"{text} of {joint.name}")
-            gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
-            affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
-            joint.armature += float(model.actuator_armature[k]) * gear**2
-            if model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_DCMOTOR:
-                resistance, constant = (float(x) for x in model.actuator_gainprm[k, :2])
-                volts = float(np.abs(model.actuator_ctrlrange[k]).max()) if model.actuator_ctrllimited[k] else 0.0
-                joint.torque_limit = volts * constant / resistance * gear or joint.torque_limit
-                continue
-            if affine and bias[1] < 0.0:
-                joint.kp = float(-bias[1]) * gear**2
-                if bias[2] < 0.0:
-                    joint.kd = (joint.kd or 0.0) + float(-bias[2]) * gear**2
-            limits = [joint.torque_limit] if joint.torque_limit else []
-            if model.actuator_forcelimited[k]:
-                limits.append(float(np.abs(model.actuator_forcerange[k]).max()) * gear)
-            if model.actuator_ctrllimited[k] and not affine:
-                most = float(np.abs(model.actuator_ctrlrange[k]).max())
-                limits.append(most * abs(float(model.actuator_gainprm[k, 0])) * gear)
-            joint.torque_limit = min(limits) if limits else None
         yield from (f"{text}: {', '.join(names)}" for text, names in left.items())
         if others:
             yield f"actuators of tendons and sites were left out: {', '.join(others[:4])}"
+
+    def _actuator_label(self, k: int) -> str:
+        return self.model.actuator(k).name or f"actuator_{k}"
+
+    def _add_up(self, joint: Joint, own: Sequence[int]) -> None:
+        """Give a joint the sum of its actuators: rotors, gains if one of them holds an angle, torque limits."""
+        model, kp, kd, most = self.model, 0.0, 0.0, 0.0
+        for k in own:
+            gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
+            joint.armature += float(model.actuator_armature[k]) * gear**2
+            most += self._most(k) * gear
+            if model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE:
+                kp += max(0.0, -float(bias[1])) * gear**2
+                kd += max(0.0, -float(bias[2])) * gear**2
+        if kp:
+            joint.kp, joint.kd = kp, (joint.kd or 0.0) + kd or None
+        most = min(most, joint.torque_limit or math.inf)
+        joint.torque_limit = most if math.isfinite(most) else None
+
+    def _most(self, k: int) -> float:
+        """Largest force of an actuator before its gear; infinite without a limit."""
+        model, gain, most = self.model, self.model.actuator_gainprm[k], math.inf
+        direct = model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_DCMOTOR
+        if model.actuator_ctrllimited[k] and (direct or model.actuator_biastype[k] != mujoco.mjtBias.mjBIAS_AFFINE):
+            force = gain[1] / gain[0] if direct else abs(gain[0])
+            most = float(np.abs(model.actuator_ctrlrange[k]).max() * force)
+        if model.actuator_forcelimited[k]:
+            most = min(most, float(np.abs(model.actuator_forcerange[k]).max()))
+        return most
+
+    def _check_sum(self, joint: Joint, own: Sequence[int], left: Sequence[tuple[str, str]]) -> None:
+        """Refuse actuators of one joint whose torques and gains do not add up to those of one motor.
+
+        Raises:
+            RobotFileError: they turn it in opposite directions, or one has an asymmetric range or drives away.
+        """
+        names = " and ".join(map(self._actuator_label, own))
+        turns = [self.model.actuator_gear[k, 0] * self.model.actuator_gainprm[k, 0] for k in own]
+        faults = {UNEVEN: "the range of one is", AWAY: "the gains of one drive away:"}
+        bad = [f"{faults[kind]} {text}" for kind, text in left if kind in faults]
+        if min(turns) < 0.0 < max(turns):
+            bad.append(f"they turn it by {', '.join(f'{turn:g}' for turn in turns)} for a command of 1")
+        if bad:
+            raise RobotFileError(
+                f"{self.path}: joint {joint.name} has the actuators {names}, which do not add up to one motor: "
+                f"{bad[0]}; write one actuator in their place"
+            )
 
     def _left_of(self, k: int, joint: Joint) -> Iterator[tuple[str, str]]:
         """Parts of a joint's actuator that no drive has, by kind, each with its value."""
@@ -323,14 +365,14 @@ class _Compiled:
             return
         affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
         servo = affine and bias[1] < 0.0
-        if affine and not servo and bias[2]:
+        if affine and bias[2] and joint.kp is None:
             yield "the gains of velocity actuators were left out", f"{-bias[2] * gear**2:.3g} N·m·s/rad"
         if affine and bias[0]:
             yield "constant torques of actuators were left out", f"{bias[0] * gear:.3g} N·m"
         if servo and abs(gain[0] + bias[1]) > EQUAL * abs(bias[1]):
             yield "commands of servos were taken as angles", f"{gain[0]:.4g} for a command, {-bias[1]:.4g} for an angle"
         if affine and (bias[1] > 0.0 or (servo and bias[2] > 0.0)):
-            yield "gains that drive away were left out", f"{bias[1]:.3g} and {bias[2]:.3g}"
+            yield AWAY, f"{bias[1]:.3g} and {bias[2]:.3g}"
         own, plain = mujoco.mjtGain(model.actuator_gaintype[k]), mujoco.mjtBias(model.actuator_biastype[k])
         if own != mujoco.mjtGain.mjGAIN_FIXED or plain not in (
             mujoco.mjtBias.mjBIAS_NONE,

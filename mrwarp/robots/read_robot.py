@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdPhysics
+from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
 from mrwarp.robots.foreign import Coupling, ForeignRobot, Keyframe, RobotFileError, prim_names
 from mrwarp.robots.guesses import Guess, Subject
@@ -80,6 +81,7 @@ def _read_usd(path: Path, base: str | None) -> ForeignRobot:
     _refuse_no_numbers(path, stage)
     _refuse_loops(path, stage)
     motors = [prim for prim in stage.Traverse() if prim.GetTypeName() == "NewtonActuator"]
+    _refuse_shared(path, motors)
     names = (("kp", "mr:kp_base"), ("kd", "mr:kd"), ("maxEffort", "mr:tau_limit"))
     drives = {
         prim_names([target.name])[0]: [
@@ -112,6 +114,19 @@ def _read_usd(path: Path, base: str | None) -> ForeignRobot:
         text = "MR devices were left out: put them on with 'mrwarp robot fit-device'"
         robot.notes.append(Guess(subject=Subject.OMITTED, text=text))
     return robot
+
+
+def _refuse_shared(path: Path, motors: Sequence[Usd.Prim]) -> None:
+    """Name motors that drive one joint: a joint has the numbers of one."""
+    first: dict[Sdf.Path, str] = {}
+    for motor in motors:
+        for target in motor.GetRelationship("newton:targets").GetTargets():
+            if target in first:
+                raise RobotFileError(
+                    f"{path}: joint {target.name} has the actuators {first[target]} and {motor.GetName()}; write one "
+                    "in their place"
+                )
+            first[target] = motor.GetName()
 
 
 def _refuse_no_numbers(path: Path, stage: Usd.Stage) -> None:

@@ -346,8 +346,15 @@ def _drop(stage: Usd.Stage, prim: str, name: str) -> None:
     stage.GetPrimAtPath(prim).RemoveProperty(name)
 
 
+def _two_motors(stage: Usd.Stage) -> None:
+    for name in ("first", "second"):
+        motor = stage.DefinePrim(f"/dog/{name}", "NewtonActuator")
+        motor.CreateRelationship("newton:targets").SetTargets(["/dog/trunk/LF_HAA"])
+
+
 BAD_USD: dict[str, tuple[Callable[[Usd.Stage], None], tuple[str, ...]]] = {
     "two trunks": (_twin, ("trunk", "twin", "two trunks")),
+    "two motors": (_two_motors, ("joint LF_HAA has the actuators first and second", "write one")),
     "a closed loop": (_tie, ("joint tie", "LF_shank and RF_shank", "loop")),
     "centimetres": (lambda stage: UsdGeom.SetStageMetersPerUnit(stage, 0.01), ("metersPerUnit is 0.01", "metres")),
     "y up": (lambda stage: UsdGeom.SetStageUpAxis(stage, "Y"), ("upAxis is Y", "Z up")),
