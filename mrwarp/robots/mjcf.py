@@ -185,10 +185,11 @@ class _Compiled:
         bodies = [self._body(i, name) for i, name in zip(own, prim_names(labels), strict=False)]
         for name, (_, i) in zip(prim_names(labels)[len(own) :], links.values(), strict=True):
             body = bodies[number[i]]
-            bodies.append(replace(body, name=name, mass=SPLIT * body.mass, inertia=SPLIT * body.inertia))
+            bodies.append(replace(body, name=name, mass=SPLIT * body.mass, inertia=_split(body)))
         for i, found in moving.items():
-            left, body = 1.0 - SPLIT * (len(found) - 1), bodies[number[i]]
-            bodies[number[i]] = replace(body, mass=left * body.mass, inertia=left * body.inertia)
+            share, body = len(found) - 1, bodies[number[i]]
+            left = (1.0 - SPLIT * share) * body.mass
+            bodies[number[i]] = replace(body, mass=left, inertia=body.inertia - share * _split(body))
         order = [j for found in moving.values() for j in found]
         names = dict(zip(order, prim_names([self.joint_labels[j] for j in order]), strict=True))
         by_joint: dict[int, Joint] = {}
@@ -475,6 +476,16 @@ class _Compiled:
                 yield Coupling(text=f"<{tag}> closes a loop between {between}", joints=names, loop=True)
             else:
                 yield Coupling(text=f"an equality <{tag}> ties bodies together")
+
+
+def _split(body: Body) -> np.ndarray:
+    """Inertia of a link between two joints of a body.
+
+    It is equal about all axes, for Newton adds to moments near 0. That of a flat body is flat, as is what remains.
+    """
+    first, second, most = np.linalg.eigvalsh(body.inertia)
+    flat = first + second - most < 10.0 * SPLIT * most
+    return SPLIT * body.inertia if flat else SPLIT * most * np.eye(3)
 
 
 def _uneven(low: float, high: float) -> bool:

@@ -171,3 +171,24 @@ def test_choices_are_no_differences(robot: Callable[..., Path], capsys: pytest.C
     said = capsys.readouterr()
     assert code == 0, said.err
     assert "are what MuJoCo reads, within" in said.out
+
+
+def two_joints(folder: Path, link: str, head: str = "") -> Path:
+    """An arm of one body on two joints."""
+    joints = "".join(f'<joint name="j{axis[0]}" axis="{axis}" range="-60 60"/>' for axis in ("1 0 0", "0 1 0"))
+    motors = "".join(f'<motor joint="j{k}" ctrlrange="-5 5"/>' for k in (0, 1))
+    path = folder / "arm.xml"
+    path.write_text(
+        f'<mujoco><compiler {head}/><worldbody><body name="base"><geom size=".05"/><body name="a" pos="0 0 .1">{joints}'
+        f"{link}</body></body></worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+    return path
+
+
+@pytest.mark.parametrize("moments", ["2e-5 4e-3 4e-3", "2e-3 2e-3 4e-3", "4e-3 4e-3 4e-3"])
+def test_two_joints_of_a_thin_or_flat_body(moments: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Newton leaves the light link between them, and the rest of the body, as they are."""
+    link = f'<inertial pos=".1 0 0" mass=".5" diaginertia="{moments}"/>'
+    code, _ = imported(two_joints(tmp_path, link))
+    said = capsys.readouterr()
+    assert code == 0 and "are what MuJoCo reads, within" in said.out, said
