@@ -13,6 +13,7 @@ import io
 import logging
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -212,6 +213,19 @@ def repeating_torch(wanted: bool) -> Iterator[None]:
 def silent() -> Iterator[None]:
     """Swallow what a library prints while it builds something."""
     with contextlib.redirect_stdout(io.StringIO()):
+        yield
+
+
+@contextlib.contextmanager
+def unwarned(*modules: str) -> Iterator[None]:
+    """Swallow Python warnings where the caller reports in its own words what matters of them.
+
+    Args:
+        modules: Beginnings of the names of modules whose warnings are swallowed; none: all.
+    """
+    with warnings.catch_warnings():
+        for module in modules or ("",):
+            warnings.filterwarnings("ignore", module=re.escape(module))
         yield
 
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from mrwarp.env.sim_model import Scene, build_scene
-from mrwarp.runtime import silent
+from mrwarp.runtime import silent, unwarned
 from mrwarp.usd.asset import RobotAsset
 from mrwarp.usd.open_stage import AssetError
 from mrwarp.usd.robot import FALL_HEIGHT, MR_GO, STAND_HEIGHT
@@ -23,9 +23,9 @@ LEVEL = 0.01
 
 
 def convert(asset: RobotAsset) -> mujoco.MjModel:
-    """The MuJoCo model of an asset that can stand; Newton's notes are swallowed."""
+    """The MuJoCo model of an asset that can stand; Newton's notes and warnings are swallowed."""
     robot = asset.robot != "bench" and bool(asset.layout.legs)
-    with silent():
+    with silent(), unwarned("newton", "warp", "mrwarp.usd.converted"):
         scene = build_scene(asset, dt=CONVERSION_DT, ground=robot)
     if robot:
         check_stance(asset, scene)

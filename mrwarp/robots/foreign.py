@@ -283,12 +283,17 @@ class ForeignRobot:
             if k == self.root and not self.floating:  # it stands still
                 continue
             moments = np.linalg.eigvalsh(body.inertia)
-            if not body.mass > 0.0 or not moments.min() > 0.0:
+            three = ", ".join(f"{moment:.3g}" for moment in moments)
+            if not body.mass > 0.0:
                 raise RobotFileError(
-                    f"{self.path}: body {body.name} has a mass of {body.mass:g} kg or no inertia; give it both there"
+                    f"{self.path}: body {body.name} has a mass of {body.mass:g} kg; give it a mass and an inertia there"
+                )
+            if not moments[0] > 0.0:
+                raise RobotFileError(
+                    f"{self.path}: body {body.name} of {body.mass:g} kg has the inertias {three} kg·m²; give it three "
+                    "positive ones there"
                 )
             if moments[2] > (1.0 + 1e-4) * (moments[0] + moments[1]):
-                three = ", ".join(f"{moment:.3g}" for moment in moments)
                 raise RobotFileError(
                     f"{self.path}: body {body.name} has the inertias {three} kg·m², which no body has; give it three "
                     "there of which none is larger than the sum of the others"

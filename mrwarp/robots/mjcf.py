@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -80,7 +81,8 @@ def read_mjcf(path: Path, skip_meshes: bool, base: str | None) -> ForeignRobot:
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)  # else it writes MUJOCO_LOG.TXT
     try:
-        with silent():
+        with silent(), warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
             spec = mujoco.MjSpec.from_file(str(path))
             strip(spec, skip_meshes)
             model = spec.compile()
@@ -97,7 +99,10 @@ def read_mjcf(path: Path, skip_meshes: bool, base: str | None) -> ForeignRobot:
         line = next((k for k, text in enumerate(lines, 1) if re.search(r"\bnan\b", text, re.IGNORECASE)), None)
         where = f", line {line}" if line else " or a file that it includes"
         raise RobotFileError(f"{path}{where}: a value is NaN; write a number in its place")
-    return _Compiled(path, model, base).robot()
+    robot = _Compiled(path, model, base).robot()
+    texts = dict.fromkeys(" ".join(str(warning.message).split()) for warning in caught)
+    robot.notes += [Guess(subject=Subject.OMITTED, text=f"MuJoCo reads the file, and warns: {text}") for text in texts]
+    return robot
 
 
 def strip(spec: mujoco.MjSpec, meshes: bool) -> None:

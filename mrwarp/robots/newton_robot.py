@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -24,7 +23,7 @@ from mrwarp.robots.foreign import (
 )
 from mrwarp.robots.guesses import Guess, Subject, some
 from mrwarp.run_dir import one_line
-from mrwarp.runtime import quiet_libraries, silent
+from mrwarp.runtime import quiet_libraries, silent, unwarned
 
 KINDS = {"REVOLUTE": "hinge", "PRISMATIC": "slide"}
 """Kinds of joints by the field's words; others keep Newton's, in small letters."""
@@ -47,8 +46,7 @@ def read_by_newton(path: Path, add: Callable[[Any], Any], base: str | None) -> F
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     try:
-        with silent(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with silent(), unwarned():
             add(builder)
     except Exception as error:  # importers raise many types for a file that is no robot
         text = one_line(error)

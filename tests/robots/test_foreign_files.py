@@ -260,6 +260,10 @@ BAD_DOGS: dict[str, tuple[dict, tuple[str, ...]]] = {
     "limits in words": ({"knee": "far"}, ("joint LF_KFE", '<limit lower="far">', "write a number")),
     "limits that are no numbers": ({"knee": "nan"}, ("joint LF_KFE", '<limit lower="nan">')),
     "limits in degrees": ({"knee": "-150"}, ("LF_KFE", "a range of ten turns", "radians", "--unlimited LF_KFE")),
+    "no inertia": (
+        {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace('"0.01"', '"0"')},
+        ("body extra of 1 kg", "the inertias 0, 0, 0 kg·m²", "three positive"),
+    ),
     "a mass that is no number": ({"shank": math.nan}, ("link LF_shank", '<mass value="nan">', "write a number")),
     "macros left in a number": (
         {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace('mass value="1.0"', 'mass value="${m}"')},

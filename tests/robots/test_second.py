@@ -192,3 +192,33 @@ def test_two_joints_of_a_thin_or_flat_body(moments: str, tmp_path: Path, capsys:
     code, _ = imported(two_joints(tmp_path, link))
     said = capsys.readouterr()
     assert code == 0 and "are what MuJoCo reads, within" in said.out, said
+
+
+def test_warnings_of_libraries_are_notes_or_silent(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    """MuJoCo's of a deprecated attribute is one note; Newton's, of a moment that it raises, is none."""
+    monkeypatch.setattr("mrwarp.usd.converted.cache_folder", lambda: None)
+    tip = '<body pos=".3 .2 0"><joint name="tip" axis="0 1 0" range="-9 9"/>{}</body>'
+    tip = tip.format('<inertial pos=".1 0 0" mass=".2" diaginertia="1e-11 1e-3 1e-3"/>')
+    path = two_joints(tmp_path, f'<geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>{tip}', 'settotalmass="1"')
+    code, _ = imported(path, "--torque-limit", "tip=5")
+    said = capsys.readouterr()
+    assert code == 0 and not [str(w.message) for w in recwarn], said.err
+    assert said.out.count("'settotalmass' is deprecated") == 1 and "MuJoCo reads the file, and warns:" in said.out
+
+
+def test_the_note_says_what_the_weight_is_without(tmp_path: Path) -> None:
+    """Gravity of the file, and bodies that it lets float, are neither in the robot nor in the comparison."""
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><option gravity="0 0 -3.7"/><worldbody><body name="base"><geom size=".05"/><body gravcomp="1">'
+        '<joint name="j" axis="0 1 0" range="-60 60"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/></body>'
+        '</body></worldbody><actuator><motor joint="j" ctrlrange="-5 5"/></actuator></mujoco>'
+    )
+    code, out = imported(path)
+    note = read_notes(load_robot(robot=str(out)).stage)[-1]
+    assert code == 0 and "weight at 9.81 m/s²" in note and "both without what is not carried" in note

@@ -102,7 +102,10 @@ def checked(understood: Understood, model: mujoco.MjModel) -> Guess:
         more = f" and {len(beyond) - 3} more" if beyond[3:] else ""
         text = f"differs from what {second.by} reads: {'; '.join(d.what for d in beyond[:3])}{more}"
     else:
-        text = f"mass matrix, weight, limits and motors are what {second.by} reads, within {worst:.0e}"
+        text = (
+            f"mass matrix, weight at {GRAVITY:g} m/s², limits and motors are what {second.by} reads, within "
+            f"{worst:.0e}, both without what is not carried"
+        )
     return Guess(subject=Subject.SECOND, text=text)
 
 

@@ -17,7 +17,7 @@ from mrwarp.paper import GRAVITY
 from mrwarp.robots.foreign import ForeignRobot, prim_names
 from mrwarp.robots.mjcf import strip
 from mrwarp.robots.second.body_sum import GROUND, Tree, urdf_tree, usd_tree
-from mrwarp.runtime import silent
+from mrwarp.runtime import silent, unwarned
 from mrwarp.usd.converted import convert_stage
 from mrwarp.usd.open_stage import keep_fixed_joints, open_stage
 
@@ -61,7 +61,7 @@ def second_reading(robot: ForeignRobot) -> Reading:
         return _usd(robot)
     if path.suffix.lower() == ".urdf" or b"<robot" in path.read_bytes()[:4096]:
         return _urdf(robot)
-    with silent():
+    with silent(), unwarned():
         spec = mujoco.MjSpec.from_file(str(path))
         strip(spec, robot.skip_meshes)
         for actuator in spec.actuators:  # their histories are empty: they would answer with 0
@@ -216,7 +216,7 @@ def _urdf(robot: ForeignRobot) -> Reading:
     if robot.floating and tree.root != GROUND:
         _float(root, tree.root)
     try:
-        with silent():
+        with silent(), unwarned():
             model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
     except ValueError:  # as of a mimic on a fixed joint, or moments that are too exact
         return _tree_reading(tree, robot, "sums over the bodies", torque)
@@ -248,7 +248,7 @@ def _usd(robot: ForeignRobot) -> Reading:
     if tree is not None:
         return _tree_reading(tree, robot, "sums over the bodies", {})
     keep_fixed_joints(stage)
-    with silent():
+    with silent(), unwarned():
         _, model = convert_stage(stage, ground=False)
     names = by_label(model, [*(joint.name for joint in robot.joints), *robot.held])
     return mujoco_reading(model, robot, by="MuJoCo as Newton converts it", names=names)
