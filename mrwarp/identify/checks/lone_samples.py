@@ -85,9 +85,14 @@ def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:
     return np.abs(left - around) > np.abs(around)
 
 
+def around_each(x: np.ndarray) -> np.ndarray:
+    """The middle one of the samples about each of a run, shape (N,)."""
+    return median_filter(x, 2 * _AFTER + 1)
+
+
 def _around(x: np.ndarray, samples: Dataset) -> np.ndarray:
     """The middle one of the samples about each, shape (N,)."""
-    return np.concatenate([median_filter(x[part], 2 * _AFTER + 1) for part in samples.parts])
+    return np.concatenate([around_each(x[part]) for part in samples.parts])
 
 
 def _rate(far: np.ndarray, at: np.ndarray) -> float:

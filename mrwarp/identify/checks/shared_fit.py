@@ -10,7 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mrwarp.identify.checks.lone_samples import around_each
 from mrwarp.recording.load import Recording
+from mrwarp.sysid.settings import Spikes
 
 LEAST_GROUP = 2
 """Fewest runs of a group with coefficients of its own."""
@@ -65,10 +67,17 @@ class RunTable:
         return SharedFit(rows, self.torque)
 
     def take(self, recording: Recording) -> None:
-        """Take the torque of a recording with the same motion."""
-        self.torque = [r.torque[:: self.every] for r in recording.trajectories]
+        """Take the torque of a recording with the same motion, without samples that stand out of those around them."""
+        self.torque = [_without_lone(r.torque)[:: self.every] for r in recording.trajectories]
         self.std = float(np.concatenate(self.torque).std()) or 1.0
         self.fit = min((SharedFit(rows, self.torque) for rows in self.looks), key=lambda fit: fit.error)
+
+
+def _without_lone(torque: np.ndarray) -> np.ndarray:
+    """The torque of a run with the middle of the samples around in place of spikes (Hampel's filter)."""
+    around = around_each(torque)
+    off = np.abs(torque - around)
+    return np.where(off > Spikes.far * 1.4826 * np.median(off), around, torque)
 
 
 class SharedFit:

@@ -105,6 +105,18 @@ def test_short_strokes_of_an_elastic_contact_are_no_other_device() -> None:
     assert recording_faults(Recording(trajectories=tuple(runs)))[1] == ()
 
 
+def test_spikes_hide_no_moved_zero(healthy: Recording) -> None:
+    """Single samples far off, five in each run, of the torque's own size and more."""
+    std = float(np.concatenate([r.torque for r in healthy.trajectories]).std())
+    rng, runs = np.random.default_rng(3), []
+    for run in changed(healthy, offset=0.3 * std).trajectories:
+        torque = run.torque.copy()
+        torque[rng.integers(0, len(torque), 5)] += rng.choice([-1.0, 1.0], 5) * rng.uniform(5.0, 20.0, 5) * std
+        runs.append(replace(run, torque=torque))
+    _, [fault] = recording_faults(replace(healthy, trajectories=tuple(runs)))
+    assert fault.kind == "torque_zero" and fault.value == pytest.approx(0.3 * std, rel=0.15)
+
+
 def test_few_runs_carry_no_verdict(healthy: Recording) -> None:
     """Three runs say nothing about the rest."""
     few = replace(healthy, trajectories=healthy.trajectories[:3])
