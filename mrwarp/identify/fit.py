@@ -206,7 +206,9 @@ def fit(
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names, searched)
     warnings += _notes(recording, point, structure, assessment.together)
     stiffness = assessment.estimates["C"]
-    if stiffness.ci95 and stiffness.ci95[1] < 0.0 and "C" not in limits.ends:
+    detail = Gain.detail * float(samples.torque.std()) * scales.torque
+    pushes = 0.5 * float(np.ptp(samples.q)) * scales.q * stiffness.value < -detail
+    if stiffness.ci95 and stiffness.ci95[1] < 0.0 and pushes and "C" not in limits.ends:
         warnings.append(
             "C is below 0, as no spring is: it stands for what eq. 14 lacks, such as an inertia; run 'mrwarp diagnose "
             "joint'"

@@ -39,8 +39,8 @@ CAUSES = (
         shown=Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
         says=lambda value, _: f"commands act {1e3 * value:.1f} ms late",
         remark=lambda value, usual: (
-            f"commands act {1e3 * value:.1f} ms after their row: within a row of {1e3 * usual[1]:.1f} ms "
-            "that is how the log was written"
+            f"commands act {1e3 * abs(value):.1f} ms {'after' if value > 0.0 else 'before'} their row: up to "
+            f"{1e3 * usual[1]:.1f} ms, a row and a controller's own delay, that is how the log was written"
         ),
     ),
     Cause(

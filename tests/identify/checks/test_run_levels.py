@@ -46,3 +46,11 @@ def test_friction_that_falls_with_the_speed_is_no_level() -> None:
         torque = (0.3 - 0.1 * speed) * np.tanh(qd / 0.02) + noise
         runs.append(replace(run, q=q, qd=qd, current=0.0 * q, torque=torque))
     assert not levels_without_clock(Recording(trajectories=tuple(runs)))
+
+
+def test_the_only_run_without_current_is_no_level() -> None:
+    """Its torque may be a law's: no other run at its current says what it should be."""
+    low, *others = GOOD.trajectories
+    for current, noted in ((0.0 * low.current, False), (low.current, True)):
+        one = replace(low, current=current, torque=0.5 * low.torque)
+        assert bool(levels_without_clock(Recording(trajectories=(one, *others)))) is noted
