@@ -49,8 +49,14 @@ def test_friction_that_falls_with_the_speed_is_no_level() -> None:
 
 
 def test_the_only_run_without_current_is_no_level() -> None:
-    """Its torque may be a law's: no other run at its current says what it should be."""
-    low, *others = GOOD.trajectories
-    for current, noted in ((0.0 * low.current, False), (low.current, True)):
-        one = replace(low, current=current, torque=0.5 * low.torque)
-        assert bool(levels_without_clock(Recording(trajectories=(one, *others)))) is noted
+    """The description of all runs knows its small torque least, and no other at its current says what it should be."""
+    runs, t = [], np.arange(5000) / 250.0
+    q = 0.35 * np.sin(np.pi * t) + 0.15 * np.sin(3.4 * np.pi * t + 0.4)
+    qd = np.gradient(q, t)
+    z = synthetic.hysteresis(np.repeat(qd[None], 1, axis=0), t[1], 22.0, -9.0)[0]
+    for k, current in enumerate((0.0, 0.3, 0.6, 1.0, None)):
+        held = (np.sin(0.4 * np.pi * t) > 0.0) * 1.0 if current is None else current + 0.0 * t
+        torque = 0.05 + 0.02 * held + 0.03 * qd + (0.6 + 40.0 * held) / (1.0 + 0.25 * np.abs(qd)) * z
+        torque += 0.02 * np.random.default_rng(k).normal(size=len(t))
+        runs.append(replace(GOOD.trajectories[0], id=f"run{k}", t=t, q=q, qd=qd, current=held, torque=torque))
+    assert not levels_without_clock(Recording(trajectories=tuple(runs)))
