@@ -8,17 +8,18 @@ sign along the motion or along what the event does to the torque.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import binary_dilation, median_filter
+from scipy.ndimage import binary_dilation
 from scipy.stats import binomtest
 
+from mrwarp.identify.checks.shared_fit import AFTER, around_each
 from mrwarp.identify.dataset import MOVING, Dataset
 from mrwarp.sysid.settings import Settings
 
 ROUNDS = 8
 """Regressions at most by which spikes are found, each without what was far off in the one before."""
 
-_BEFORE, _AFTER = 1, 4
-"""Samples left out around each spike: noise is judged by what came just before."""
+_BEFORE = 1
+"""Samples left out before each spike, and :data:`AFTER` after: noise is judged by what came just before."""
 
 
 def find_spikes(
@@ -85,11 +86,6 @@ def _stands_out(left: np.ndarray, samples: Dataset) -> np.ndarray:
     return np.abs(left - around) > np.abs(around)
 
 
-def around_each(x: np.ndarray) -> np.ndarray:
-    """The middle one of the samples about each of a run, shape (N,)."""
-    return median_filter(x, 2 * _AFTER + 1)
-
-
 def _around(x: np.ndarray, samples: Dataset) -> np.ndarray:
     """The middle one of the samples about each, shape (N,)."""
     return np.concatenate([around_each(x[part]) for part in samples.parts])
@@ -114,7 +110,7 @@ def far_off(left: np.ndarray, samples: Dataset, counts: np.ndarray, least: float
 
 def beside_spikes(spikes: np.ndarray, samples: Dataset) -> np.ndarray:
     """Spikes with the samples around them that they reach into, bool, shape (N,)."""
-    out, size = np.zeros(len(spikes), dtype=bool), _BEFORE + 1 + _AFTER
+    out, size = np.zeros(len(spikes), dtype=bool), _BEFORE + 1 + AFTER
     for part in samples.parts:
         out[part] = binary_dilation(spikes[part], np.ones(size), origin=_BEFORE - size // 2)
     return out

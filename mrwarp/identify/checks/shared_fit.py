@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from mrwarp.identify.checks.lone_samples import around_each
 from mrwarp.recording.load import Recording
 from mrwarp.sysid.settings import Spikes
 
@@ -26,6 +26,8 @@ _REWEIGHTED = 15
 """Passes of re-weighting."""
 _STEP = 20_000
 """Most samples that are looked at."""
+AFTER = 4
+"""Samples that a spike reaches into."""
 
 
 class RunTable:
@@ -71,6 +73,11 @@ class RunTable:
         self.torque = [_without_lone(r.torque)[:: self.every] for r in recording.trajectories]
         self.std = float(np.concatenate(self.torque).std()) or 1.0
         self.fit = min((SharedFit(rows, self.torque) for rows in self.looks), key=lambda fit: fit.error)
+
+
+def around_each(x: np.ndarray) -> np.ndarray:
+    """The middle one of the samples about each of a run, shape (N,)."""
+    return median_filter(x, 2 * AFTER + 1)
 
 
 def _without_lone(torque: np.ndarray) -> np.ndarray:
