@@ -41,7 +41,7 @@ LAW = EffectLaw(
     law=temperature_drift_law,
     source="paper section 5.2: yield stress and viscosity fall with temperature",
     depends_on=("time", "memory"),
-    remedy="let the device rest between runs, or record its temperature",
+    remedy="let the device rest between runs, or keep it at one temperature",
     positive="what warms up loses torque",
     one_positive=True,
 )
