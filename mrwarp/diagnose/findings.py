@@ -27,7 +27,7 @@ from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import MOVING, Motion, rms
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
-from mrwarp.recording.data import NO_INPUT, session_clock
+from mrwarp.recording.data import NO_INPUT, quantity, session_clock
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 from mrwarp.sysid.settings import Settings
@@ -358,7 +358,8 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
         )
     if motion.medians > 1:
         notes.append(
-            f"the measured current is noisy: the torque follows its medians over {motion.medians} samples more closely"
+            f"the measured {quantity('current', found.problem.units)} is noisy: the torque follows its medians over "
+            f"{motion.medians} samples more closely"
         )
     if motion.ahead:
         milliseconds = 1e3 * motion.ahead * motion.ranges.dt

@@ -82,8 +82,8 @@ class JointPlant:
 
     def distinct(self, effect: str, other: str) -> bool:
         """Whether none of two effects contains the other; single steps distinguish a lag from a delay."""
-        parts = {(effect, CATALOGUE[effect].contains), (CATALOGUE[other].contains, other), (LAG, DELAY), (DELAY, LAG)}
-        return (effect, other) not in parts
+        contained = CATALOGUE[effect].contains == other or CATALOGUE[other].contains == effect
+        return not contained and {effect, other} != {LAG, DELAY}
 
     def signals(self, fit: Fit) -> Signals:
         """Whitened, with each run's offset and factor let go."""

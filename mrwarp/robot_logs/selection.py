@@ -220,7 +220,6 @@ class RobotSearch(Listed[Found]):
     ) -> None:
         self.likelihood, self.parameters, self.confirmed = likelihood, parameters, confirmed
         self.settings, self.base = likelihood.settings.robot, list[Found]()
-        self.rival = likelihood.settings.odds.rival
         self.hypotheses = [d for d in hypotheses_of(parameters) if d.cause not in (*ORDINARY, NUISANCE)]
         self.tests = (self.recurs,)
 
@@ -248,10 +247,11 @@ class RobotSearch(Listed[Found]):
             return [*found, *payload]
         now = posterior(self.likelihood, self.parameters, [*free, best.hypothesis])
         rest = scores(now, [c.hypothesis for c in candidates], self.parameters).odds
+        least = best.odds - self.likelihood.settings.odds.rival
         near = [
             c.hypothesis
             for c, left in zip(candidates, rest, strict=True)
-            if c.odds > best.odds - self.rival and left < settings.odds and c.hypothesis.cause != best.hypothesis.cause
+            if c.odds > least and left < settings.odds and c.hypothesis.cause != best.hypothesis.cause
         ]
         return [*found, Found(hypothesis=best.hypothesis, z=best.z, alternatives=tuple(near[: settings.rivals]))]
 
