@@ -1,4 +1,4 @@
-"""Faults of a robot's simulation and their places: from a log to named causes (docs/how_robot_logs_decide.md)."""
+"""Faults of a robot's simulation and their places: from a log to named causes (docs/how_diagnosis_decides.md)."""
 
 from __future__ import annotations
 
