@@ -297,7 +297,6 @@ def _whole(found: Results) -> str:
 TABLES = {
     "table4_readings": ("table4", "readings"),
     "table4_falls": ("table4", "falls"),
-    "table4_bound": ("table4", "bound"),
     "table6_training": ("table6", "training"),
     "support": ("support", "choices"),
 }
