@@ -295,7 +295,6 @@ def _whole(found: Results) -> str:
 
 
 TABLES = {
-    "table4_readings": ("table4", "readings"),
     "table4_falls": ("table4", "falls"),
     "table6_training": ("table6", "training"),
     "support": ("support", "choices"),
