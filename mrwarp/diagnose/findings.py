@@ -36,6 +36,7 @@ from mrwarp.sysid.verdict import VERDICTS, Cause, Error, Gain, NextExperiment, S
 _NEVER = "at no size in its range would it stand out from what eq. 14 takes up and from the noise"
 _NO_FIELD = "the control input is a load or a pressure, which makes no magnetic field"
 _UNCHANGING = "the control input is the same throughout"
+_LACKS = {"temperature": "no temperature that changes was logged", "angle": "it is that of an angle, and this is a way"}
 _TAKEN_UP = "re-fitting eq. 14 takes it up without a trace; only nominal parameters (--model) can show it"
 _SUSPECT = "it is a suspect: these data leave open whether it is there"
 """Why no size of an effect would have shown for sure."""
@@ -269,7 +270,8 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
     invisible |= dict.fromkeys(open_questions, _SUSPECT)
     invisible |= {name: _TAKEN_UP for name, law in CATALOGUE.items() if law.kind == "calibration"}
     problem = found.problem
-    invisible |= dict.fromkeys(problem.impossible, _UNCHANGING if problem.unchanging else _NO_FIELD)
+    why = _UNCHANGING if problem.unchanging else _NO_FIELD
+    invisible |= {name: _LACKS.get(CATALOGUE[name].needs, why) for name in problem.impossible}
     if kinematics.velocity_lag == 0.0:  # then it is no candidate
         lags = [name for name, law in CATALOGUE.items() if law.measured_in == "qd"]
         if np.isfinite(kinematics.velocity_lag_error):

@@ -282,10 +282,11 @@ def _trial(problem: Problem, standard: Standard, rng: np.random.Generator) -> Mo
     )
 
 
-def _exact(like: Motion, **arrays: np.ndarray) -> Motion:
+def _exact(like: Motion, temperature: np.ndarray | None = None, **arrays: np.ndarray) -> Motion:
     """A motion without errors of its log, that starts at rest, in place of a recorded one."""
     known = Kinematics(arrays["qd"], arrays["qdd"], velocity_lag=0.0, velocity_lag_error=float("inf"))
-    return dataclasses.replace(like, **arrays, kinematics=known, begin=None, middle=None, ahead=0.0)
+    as_made = {"kinematics": known, "temperature": temperature, "begin": None, "middle": None, "ahead": 0.0}
+    return dataclasses.replace(like, **arrays, **as_made)
 
 
 # --- a rest and the first runs again ---
@@ -338,6 +339,7 @@ def repeated(like: Motion, rest: float, runs: int) -> Motion:
         time=like.time[taken] - first + float(like.time[last]) + rest,
         slid_time=like.slid_time[taken] - float(like.slid_time[taken[0]]) + float(like.slid_time[last]),
         heat=like.heat[:, taken] + stored * np.exp(-(like.time[taken] - first) / times),
+        temperature=None if like.temperature is None else like.temperature[taken],
     )
 
 

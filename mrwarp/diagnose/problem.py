@@ -84,6 +84,8 @@ class Problem:
             needs = ("field",) if quantity("current", self.units) == "pressure" else ("command", "field")
         if not self.motion.ranges.radian:
             needs = (*needs, "angle")
+        if self.motion.temperature is None:
+            needs = (*needs, "temperature")
         return tuple(name for name, law in CATALOGUE.items() if law.needs in needs)
 
     def with_motion(self, motion: Motion) -> Problem:

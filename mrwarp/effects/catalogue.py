@@ -39,6 +39,7 @@ EFFECTS = (
     "current_viscosity",
     "speed_weakening",
     "temperature_drift",
+    "temperature_fade",
     "wear",
     "torque_sensor_lag",
     "torque_gain",

@@ -20,6 +20,7 @@ from mrwarp.kernels.mr_joint import JointParams, hysteresis, own_displacement
 
 _DELAY = wp.constant(column_of("command_delay", "delay"))
 _THERMAL = wp.constant(column_of("temperature_drift", "time_constant"))
+_TEMPERATURE = wp.constant(column_of("temperature_fade", "temperature"))
 
 
 @wp.func
@@ -103,6 +104,7 @@ def joint_path(
     if s.path_2 != dt * qd:  # a gap has shortened the path of the shaft
         speed = s.path_2 / dt
     s.heat = heat
+    s.temperature = values[row, _TEMPERATURE]
     if law > 0:
         s = law_path(law, p, s, values, row, memory, line)
     else:

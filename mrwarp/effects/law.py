@@ -80,6 +80,8 @@ class Path:
     """Power of ``1 + alpha*|qd|``."""
     heat: wp.float32
     """Energy turned to heat and not yet lost [J]."""
+    temperature: wp.float32
+    """Temperature that was logged [degC]; in the simulator that of the model file."""
     torque: wp.float32
     """Torque [N·m]: in the stage ``torque`` what is added to eq. 14, in the stage ``sensor`` the reading."""
     torque_before: wp.float32
@@ -115,6 +117,8 @@ class Ranges:
     """Full turns that a joint makes, one that lacks a twentieth too; 0 for a linear motion."""
     session: float = 600.0
     """Length of the session [s]."""
+    temperature: float = 0.0
+    """Mean of the temperature that was logged [degC]."""
     load: bool = False
     """Whether the control input is a load or a pressure, which makes no field: K1 of eq. 14 is 0."""
     carried: bool = False
@@ -264,9 +268,10 @@ class EffectLaw:
     """Variables along which it shows."""
     positive: str = ""
     """Why its first number can only be above 0; empty where it may have either sign."""
-    needs: Literal["", "change", "command", "field", "alpha", "stroke", "angle"] = ""
+    needs: Literal["", "change", "command", "field", "alpha", "stroke", "angle", "temperature"] = ""
     """Without which there is no such effect: a control input that changes, or a changing command that can lag, or the
-    current of a magnetic field; alpha of eq. 14, which no other law has; a stroke with ends; or an angle in rad."""
+    current of a magnetic field; alpha of eq. 14, which no other law has; a stroke with ends; an angle in rad; or a
+    logged temperature that changes."""
     mechanics: bool = False
     """Whether it is a body's mechanics, as B, C and D of eq. 14 are: linear in its numbers, and these effects oppose
     each other, so that they are looked for together, and bear what they bear together."""

@@ -39,6 +39,7 @@ _DELAY = wp.constant(column_of("command_delay", "delay"))
 _COIL_LAG = wp.constant(column_of("coil_lag", "time_constant"))
 _JUMPS = wp.constant(column_of("torque_sensor_lag", "hold"))
 _THERMAL = wp.constant(column_of("temperature_drift", "time_constant"))
+_TEMPERATURE = wp.constant(column_of("temperature_fade", "temperature"))
 _TIMES = wp.constant(wp.types.vector(length=len(HEAT_TIMES), dtype=wp.float32)(*HEAT_TIMES))
 _COUNT = wp.constant(len(HEAT_TIMES))
 _SATURATION = wp.constant(BASE.index("saturation"))
@@ -132,7 +133,7 @@ def make_replay_kernel(effects: bool) -> Any:
         exact: int,
         substeps: int,
         # in, samples of all trajectories end to end, shape (N,), those after the current with effects only;
-        # (len(HEAT_TIMES), N); first sample of each trajectory and the end of the last one, (T + 1,); (T,) [s]; (T,);
+        # (len(HEAT_TIMES), N); (N,) [degC] or none; first sample of each trajectory and the end of the last one, (T + 1,); (T,) [s]; (T,);
         # middle of its angles, (T,), with effects only
         q_in: wp.array[float],
         qd_in: wp.array[float],
@@ -141,6 +142,7 @@ def make_replay_kernel(effects: bool) -> Any:
         time_in: wp.array[float],
         slid_in: wp.array[float],
         heat_in: wp.array2d[float],
+        temperature_in: wp.array[float],
         start_in: wp.array[int],
         dt_in: wp.array[float],
         begin_in: wp.array[float],
@@ -190,6 +192,9 @@ def make_replay_kernel(effects: bool) -> Any:
                 s = motion_path(p, s, z, values, row, memory_out, line, law)
                 if thermal > 0.0:
                     s.heat = stored_heat(heat_in, k, thermal)
+                s.temperature = values[row, _TEMPERATURE]
+                if temperature_in:
+                    s.temperature = temperature_in[k]
                 if law > 0:
                     s = law_path(law, p, s, values, row, memory_out, line)
                     z = s.z

@@ -196,6 +196,8 @@ class Motion(Dataset):
     """Heat stored since then for each of ``HEAT_TIMES``, shape (len(HEAT_TIMES), N)."""
     ranges: Ranges
     kinematics: Kinematics
+    temperature: np.ndarray | None = None
+    """Logged temperature [degC], shape (N,); None: none that changes."""
     resistance: float = 0.0
     """Coil resistance for the computed heat [Ohm]."""
     begin: np.ndarray | None = None
@@ -243,6 +245,8 @@ class Motion(Dataset):
         speed = np.abs(data.qd)
         fast = float(np.percentile(speed, 95)) or 1.0
         of_runs = [float(np.percentile(speed[part], 95)) for part in data.parts]
+        logged = [run.temperature for run in recording.trajectories if run.temperature is not None]
+        temperature = np.concatenate(logged) if len(logged) == len(data.dt) and np.ptp(np.concatenate(logged)) else None
         ranges = Ranges(
             q=float(np.ptp(data.q)) or 1.0,
             qd=fast,
@@ -251,6 +255,7 @@ class Motion(Dataset):
             torque=float(data.torque.std()) or 1.0,
             dt=float(np.median(data.dt)),
             session=float(time.max()) or 1.0,
+            temperature=0.0 if temperature is None else float(temperature.mean()),
             radian=1.0 / scales.q if recording.units["q"] == "rad" else 0.0,
             turns=_turns(float(np.ptp(data.q)) * scales.q) if recording.units["q"] == "rad" else 0.0,
             load=is_load(recording.units),
@@ -266,6 +271,7 @@ class Motion(Dataset):
             heat=np.stack([_heat(power, time, data, tau, alone=alone) for tau in HEAT_TIMES]),
             ranges=ranges,
             kinematics=kinematics,
+            temperature=temperature,
             resistance=resistance,
         )
 
@@ -350,6 +356,7 @@ class Motion(Dataset):
             begin=None if self.begin is None else self.begin[chosen],
             middle=self.middles[chosen],
             heat=self.heat[:, at],
+            temperature=None if self.temperature is None else self.temperature[at],
             start=np.cumsum([0, *(len(stretch) for stretch in taken)]),
             kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], **known),
         )

@@ -64,7 +64,7 @@ class Replay:
         self.samples, self.exact, self.substeps = samples, exact, substeps
         self.device, self.threads = device, threads
         self._kernel, self._states = replay_kernel, 0
-        self._record([np.empty(0)] * 3, np.empty((len(HEAT_TIMES), 0)), np.zeros(len(samples.dt)), np.empty(0))
+        self._record([np.empty(0)] * 3, np.empty((len(HEAT_TIMES), 0)), None, np.zeros(len(samples.dt)), np.empty(0))
 
     def torque(self, rows: np.ndarray | Sequence[Mapping[str, float]]) -> np.ndarray:
         """Simulated torque, float32, shape (C, N), of rows of shape (C, WIDTH) or of named parameters of the laws."""
@@ -80,10 +80,18 @@ class Replay:
             list(pool.map(lambda part: self._launch(rows[part], tau[part]), parts))
         return tau
 
-    def _record(self, motion: Sequence[np.ndarray], heat: np.ndarray, begin: np.ndarray, middle: np.ndarray) -> None:
+    def _record(
+        self,
+        motion: Sequence[np.ndarray],
+        heat: np.ndarray,
+        temperature: np.ndarray | None,
+        begin: np.ndarray,
+        middle: np.ndarray,
+    ) -> None:
         """Put the arrays of the samples on the device."""
         s = self.samples
-        self._arrays = [self._array(x) for x in (s.q, s.qd, s.current, *motion, heat)]
+        self._arrays: list[wp.array | None] = [self._array(x) for x in (s.q, s.qd, s.current, *motion, heat)]
+        self._arrays.append(None if temperature is None else self._array(temperature))
         self._arrays.append(wp.array(s.start.astype(np.int32), dtype=int, device=self.device))
         self._arrays += [self._array(x) for x in (s.dt, begin, middle)]
 
@@ -114,7 +122,7 @@ class EffectReplay(Replay):
         self.motion = motion
         self._kernel, self._states = effect_replay_kernel, SLOTS
         begin = np.zeros(len(motion.dt)) if motion.begin is None else motion.begin
-        self._record((motion.qdd, motion.time, motion.slid_time), motion.heat, begin, motion.middles)
+        self._record((motion.qdd, motion.time, motion.slid_time), motion.heat, motion.temperature, begin, motion.middles)
         self._kept: dict[bytes, np.ndarray] = {}
 
     def torque(self, rows: np.ndarray | Sequence[Mapping[str, float]]) -> np.ndarray:

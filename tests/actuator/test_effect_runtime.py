@@ -214,7 +214,7 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
     inputs = [
         array(np.array([[values.get(name, 0.0) for name in BASE]])), array(row[None]), 1, 0, array(q), array(qd),
         array(command), array(qdd), array(DT * np.arange(1, count + 1)), array(DT * np.arange(1, count + 1)),
-        array(np.tile(heat, (len(HEAT_TIMES), 1))),
+        array(np.tile(heat, (len(HEAT_TIMES), 1))), None,
         wp.array([0, count], dtype=int, device="cpu"), array(np.array([DT])), array(np.zeros(1)), array(np.zeros(1)),
     ]  # fmt: skip
     outputs = [wp.zeros((1, SLOTS), dtype=float, device="cpu"), tau]

@@ -34,6 +34,11 @@ class Shaft:
     heat: np.ndarray
     start: tuple[int, ...]
 
+    @property
+    def temperature(self) -> np.ndarray:
+        """Logged temperature [degC], which rises along the samples."""
+        return 20.0 + 2.0 * self.time
+
     @classmethod
     def swinging(cls, seconds: float = 4.0, dt: float = 0.005, begin: float = 0.0) -> Self:
         """Three sines from standstill, seen exactly, with stepped and swept current."""
@@ -105,7 +110,7 @@ def torques(shaft: Shaft, base: Mapping[str, float], candidates: list[Effects]) 
     trajectories = len(shaft.start) - 1
     tau = wp.full((len(made), len(shaft.q)), float("nan"), dtype=float, device="cpu")
     memory = wp.zeros((len(made) * trajectories, SLOTS), dtype=float, device="cpu")
-    signals = {"q", "qd", "qdd", "current", "time", "slid_time", "heat"}
+    signals = {"q", "qd", "qdd", "current", "time", "slid_time", "heat", "temperature"}
     arrays = {f"{name.split('_')[0]}_in": array(getattr(shaft, name)) for name in signals}
     arrays |= {"base": array(np.stack([b for b, _ in made])), "values": array(np.stack([v for _, v in made]))}
     arrays["start_in"] = wp.array(np.array(shaft.start, dtype=np.int32), dtype=int, device="cpu")

@@ -29,6 +29,7 @@ CHOSEN = {
     "current_viscosity": {"B1": 0.05},
     "speed_weakening": {"power": 0.6},
     "temperature_drift": {"yield_loss": 0.02, "viscosity_loss": 0.03, "time_constant": 37.0},
+    "temperature_fade": {"yield_loss": 0.02, "viscosity_loss": 0.03, "reference": 22.0, "temperature": 28.0},
     "wear": {"rate": 0.05},
     "torque_sensor_lag": {"time_constant": 0.006},
     "torque_gain": {"gain": 0.8},

@@ -30,7 +30,7 @@ TOKENS = {
     "velocity_lag", "encoder_offset", "torque_bias", "torque_gain", "backlash", "rotor_inertia", "coulomb_friction",
     "friction_asymmetry", "stribeck", "cogging", "current_viscosity", "speed_weakening", "temperature_drift", "wear",
     "compliance_with_backlash", "series_compliance", "load_friction", "position_friction",
-    "gravity", "path_lag",
+    "gravity", "path_lag", "temperature_fade",
 }  # fmt: skip
 SPOKEN_OF = {
     ("lag_or_delay.py", "coil_lag"), ("lag_or_delay.py", "command_delay"),  # these two are all that the file is about

@@ -439,6 +439,18 @@ def test_temperature_drift_weakens_with_the_stored_heat() -> None:
         np.testing.assert_allclose(found, want, rtol=0, atol=30 * EPS)
 
 
+def test_temperature_fade_weakens_with_the_logged_temperature() -> None:
+    """exp(-a*(T - T0)) on the loop and exp(-b*(T - T0)) on the viscous torque; at T0 nothing changes."""
+    shaft, a, b = Shaft.swinging(), 0.02, 0.05
+    loop_alone = {key: TRUTH[key] for key in ("K0", "K1", "alpha", "beta", "gamma")}
+    effects = {"temperature_fade": {"yield_loss": a, "viscosity_loss": b, "reference": 23.0}}
+    rise = shaft.temperature - 23.0
+    want = torque(shaft, loop_alone) * np.exp(-a * rise)
+    np.testing.assert_allclose(torque(shaft, loop_alone, effects), want, rtol=0, atol=100 * EPS)
+    want = 0.1 + 0.5 * shaft.qd * np.exp(-b * rise)
+    np.testing.assert_allclose(torque(shaft, {"B": 0.5, "D": 0.1}, effects), want, rtol=0, atol=30 * EPS)
+
+
 def test_heat_outside_the_prepared_times_is_that_of_the_nearest() -> None:
     """A time constant below or above all that were prepared takes the first or the last."""
     shaft = Shaft.swinging(seconds=1.0)
