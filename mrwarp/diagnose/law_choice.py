@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model, threshold
+from mrwarp.diagnose.problem import Fit, Problem, fit_model, of_runs, threshold
 from mrwarp.diagnose.screening import Candidate, lacking_together
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, turn_back, zero_line, zeros_moved
@@ -192,11 +192,18 @@ def may_follow_another_law(problem: Problem, base: Fit) -> bool:
 
 def structured(problem: Problem, base: Fit) -> bool:
     """Whether the mismatch is large against the noise from sample to sample: then plain error decides."""
-    left, counts = problem.motion.torque - base.torque, problem.weight > 0.0
+    left, counts = _left(problem, base), problem.weight > 0.0
     bends = np.concatenate([np.diff(left[part], 2)[counts[part][2:]] for part in problem.motion.parts])
     left = left[counts]
     noise = 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6.0)
     return float(np.sqrt(np.mean(left**2))) > problem.settings.law.structured * noise
+
+
+def _left(problem: Problem, fit: Fit) -> np.ndarray:
+    """Torque that a model leaves, without the zeros and gains by which trajectories differ, shape (N,)."""
+    left, motion = problem.motion.torque - fit.torque, problem.motion
+    run = np.repeat(np.arange(len(motion.dt)), np.diff(motion.start))
+    return left - of_runs(left, fit.torque, run, problem.weight)
 
 
 def misfits(problem: Problem, fit: Fit) -> bool:
@@ -205,7 +212,7 @@ def misfits(problem: Problem, fit: Fit) -> bool:
     Below :attr:`~mrwarp.sysid.settings.Gain.detail` what it leaves is a correction to a model that is right, and may be
     whitened.
     """
-    left = (problem.motion.torque - fit.torque)[problem.weight > 0.0]
+    left = _left(problem, fit)[problem.weight > 0.0]
     detail = problem.settings.gain.detail * float(problem.motion.torque.std())
     return structured(problem, fit) and float(left.std()) > detail
 

@@ -423,6 +423,16 @@ def _by_repetitions(problem: Problem, fit: Fit, effect: str, line: Mapping[str, 
     return (ahead - behind) / (2.0 * step)
 
 
+def of_runs(rest: np.ndarray, predicted: np.ndarray, run: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Part of a rest that is a zero and a gain of each trajectory, as the noise has them; all of shape (M,)."""
+    out = np.empty(len(rest))
+    for k in np.unique(run):
+        here = run == k
+        rows, w = np.stack([np.ones(int(here.sum())), predicted[here]], axis=1), weight[here]
+        out[here] = rows @ np.linalg.lstsq(w[:, None] * rows, w * rest[here], rcond=None)[0]
+    return out
+
+
 def threshold(problem: Problem, fit: Fit) -> float:
     """Gain on top of a model below which nothing is named."""
     return max(problem.settings.gain.chi2, problem.settings.gain.floor * fit.equations.count)

@@ -133,8 +133,8 @@ def make_replay_kernel(effects: bool) -> Any:
         exact: int,
         substeps: int,
         # in, samples of all trajectories end to end, shape (N,), those after the current with effects only;
-        # (len(HEAT_TIMES), N); (N,) [degC] or none; first sample of each trajectory and the end of the last one, (T + 1,); (T,) [s]; (T,);
-        # middle of its angles, (T,), with effects only
+        # (len(HEAT_TIMES), N); (N,) [degC] or none; first sample of each trajectory and the end of the last one,
+        # (T + 1,); (T,) [s]; (T,); middle of its angles, (T,), with effects only
         q_in: wp.array[float],
         qd_in: wp.array[float],
         current_in: wp.array[float],

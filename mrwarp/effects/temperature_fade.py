@@ -1,7 +1,7 @@
 """Fade with a logged temperature: ``yield*exp(-a*(T - T0)), viscosity*exp(-b*(T - T0))``.
 
-T0, ``reference``, is the mean of the log, at which the other parameters hold. In a replay T is the logged one; a robot's
-joint has no thermometer, and T is ``temperature``, T0 unless the model file is edited.
+T0, ``reference``, is the mean of the log, at which the other parameters hold. In a replay T is the logged one; a joint
+of a robot has no thermometer, and T is ``temperature``, T0 unless the model file is edited.
 """
 
 import warp as wp

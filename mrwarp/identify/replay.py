@@ -122,7 +122,9 @@ class EffectReplay(Replay):
         self.motion = motion
         self._kernel, self._states = effect_replay_kernel, SLOTS
         begin = np.zeros(len(motion.dt)) if motion.begin is None else motion.begin
-        self._record((motion.qdd, motion.time, motion.slid_time), motion.heat, motion.temperature, begin, motion.middles)
+        self._record(
+            (motion.qdd, motion.time, motion.slid_time), motion.heat, motion.temperature, begin, motion.middles
+        )
         self._kept: dict[bytes, np.ndarray] = {}
 
     def torque(self, rows: np.ndarray | Sequence[Mapping[str, float]]) -> np.ndarray:

@@ -8,6 +8,7 @@ import pytest
 from mrwarp.diagnose.problem import Problem, covariance, fit_model, interval, plain_fit, reported_fit
 from mrwarp.diagnose.screening import screen
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.dataset import Motion
 from mrwarp.identify.replay import EffectReplay
 from tests.diagnose import known
 
@@ -69,6 +70,25 @@ def test_fit_recovers_an_effect_with_the_joint(effect: str) -> None:
     fit = fit_model(problem, c, start, iterations=25)
     assert_recovers(fit, truth, 5.0 if effect in ("backlash", "remanence") else 4.0)
     assert fit.loss.sum() == pytest.approx(fit.equations.count, abs=4.0 * np.sqrt(2.0 * fit.equations.count))
+
+
+def test_a_logged_temperature_is_what_the_device_fades_with() -> None:
+    """The fade per kelvin comes back, at the mean of the log; without a log that changes there is no such effect."""
+    at, effect = known.motion(3), "temperature_fade"
+    runs = np.searchsorted(at.start, np.arange(len(at.q)), side="right")
+    temperature = 22.0 + 4.0 * np.random.default_rng(3).permutation(len(at.dt) + 1)[runs]  # of a room, in no order
+    logged = known.recording(at, at.torque)
+    warm = [replace(r, temperature=temperature[p]) for r, p in zip(logged.trajectories, at.parts, strict=True)]
+    read = Motion.of(replace(logged, trajectories=tuple(warm)))
+    assert read.temperature is not None and np.array_equal(read.temperature, temperature)
+    assert read.ranges.temperature == pytest.approx(temperature.mean()) and Motion.of(logged).temperature is None
+    ranges = replace(at.ranges, temperature=float(temperature.mean()))
+    hidden = {effect: {"yield_loss": 0.006, "viscosity_loss": 0.012}}
+    problem = known.problem(hidden, at=replace(at, temperature=temperature, ranges=ranges))
+    assert effect not in problem.impossible and effect in known.problem().impossible
+    fit = known.fitted(problem, {effect: {"yield_loss": 0.001, "viscosity_loss": 0.001}})
+    assert_recovers(fit, known.vector(fit.parameters, hidden))
+    assert fit.parameters.values(fit.x)[effect]["reference"] == pytest.approx(temperature.mean())
 
 
 def test_a_brake_stiffer_than_data_show_is_found_behind_play_and_a_spring() -> None:
@@ -225,7 +245,7 @@ def test_an_effect_that_cannot_act_gains_nothing_where_a_number_is_at_its_bound(
 def test_nothing_depends_on_a_control_input_that_never_changes() -> None:
     """Where it is 0 or the same throughout, no effect of it is a candidate: it would only be another start of a fit."""
     at = known.problem().motion
-    assert known.posed(at).impossible == ()
+    assert known.posed(at).impossible == ("temperature_fade",)  # no temperature was logged
     for level in (0.0, 1.0):
         still = known.posed(replace(at, current=np.full_like(at.current, level))).impossible
         assert {"current_saturation", "current_viscosity", "coil_lag", "load_friction"} <= set(still)
