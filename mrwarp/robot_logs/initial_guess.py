@@ -23,6 +23,7 @@ from mrwarp.robot_logs.selection import (
     vector,
 )
 from mrwarp.robot_logs.single_changes import screened, sizes_of_their_own
+from mrwarp.robot_logs.stages import DERIVATIVES, SESSION, SINGLE, within
 from mrwarp.robot_logs.windows import Windows
 
 
@@ -32,15 +33,19 @@ def first_look(
     """The described robot in this session, and of single changes that with which the replay is best."""
     nuisance = np.zeros(len(parameters))
     if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
-        nuisance = nuisances_of(model, groups, parameters)
-    described = gather(model, groups, parameters, nuisance, progress)
-    progress("single causes")
-    guess, guessed = initial_guess(model, groups, parameters, described, nuisance)
+        nuisance = nuisances_of(model, groups, parameters, within(progress, SESSION))
+    described = gather(model, groups, parameters, nuisance, within(progress, DERIVATIVES))
+    guess, guessed = initial_guess(model, groups, parameters, described, nuisance, within(progress, SINGLE))
     return FirstLook(nuisance=nuisance, described=described, guess=guess, guessed=guessed)
 
 
 def initial_guess(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Likelihood, theta: np.ndarray
+    model: ReplayModel,
+    groups: list[Windows],
+    parameters: list[Parameter],
+    described: Likelihood,
+    theta: np.ndarray,
+    log: Callable[[str], None] = lambda _: None,
 ) -> tuple[np.ndarray, list[Hypothesis]]:
     """A robot where a fit can begin, (P,), and the fault in it, if any: of single changes that which replays like best.
 
@@ -54,6 +59,7 @@ def initial_guess(
     (here,) = trials.left(theta)
     odds = described.settings.robot.odds
     for pick in range(described.settings.robot_fit.picks):
+        log(f"change {pick + 1} of at most {described.settings.robot_fit.picks}")
         pull = trials.pull(theta)
         gain, taken = trials.best(theta, here, pull)
         # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
@@ -177,5 +183,7 @@ class _Trials:
 
         multiples = self.described.settings.robot_fit.multiples
         tried = [np.clip(theta + times * change, low, high) for times in multiples]
-        best = self.searched(tried[int(np.argmax(gains(*tried)))], members, prior)
+        if max(each := gains(*tried)) <= 0.0:
+            return None
+        best = self.searched(tried[int(np.argmax(each))], members, prior)
         return best if gains(best)[0] > least else None

@@ -7,6 +7,7 @@ evidence is counted, because samples of a window are not independent.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -305,6 +306,8 @@ def fit(
 ) -> tuple[np.ndarray, Likelihood, bool]:
     """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
 
+    A step that promises less than what ends a fit is not tried: it would end the fit, too.
+
     Derivatives and weights stay those of ``likelihood``, about ``theta`` where it is given, while steps gain what they
     promise; ``renew`` times they are taken again, None takes the settings'. Returned are parameters, shape (P,), the
     likelihood about them, and whether its derivatives are of there.
@@ -320,10 +323,11 @@ def fit(
         return quadratic(theta, new, new.at(theta))
 
     def seen(theta: np.ndarray, here: Quadratic) -> Quadratic:
+        log(f"replay {next(looks)}")
         loss, moved = replayed(here.content, model, groups, parameters, theta)
         return quadratic(theta, moved, loss)
 
-    settings = model.settings.robot_fit
+    settings, looks = model.settings.robot_fit, itertools.count(1)
     rules = Rules(
         iterations=settings.trials * steps,
         steps=steps,
@@ -331,7 +335,7 @@ def fit(
         increase=10.0,
         most=30.0,
         least=1e-6,
-        predicted=lambda promised, loss: False,
+        predicted=lambda promised, loss: promised < settings.converged,
         gained=lambda gain, loss: gain < settings.converged,
         stale=lambda gain, promised: settings.converged <= gain < settings.trusted * promised,
         renewals=settings.renewals if renew is None else renew,

@@ -43,6 +43,16 @@ from mrwarp.robot_logs.selection import (
     select,
     sizes,
 )
+from mrwarp.robot_logs.stages import (
+    BEFORE_AFTER,
+    FIT,
+    PROOF,
+    READING,
+    SIZES,
+    UNEXPLAINED,
+    WHOLE_LOG,
+    within,
+)
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady, unconfirmed
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
@@ -109,17 +119,15 @@ def diagnose_log(
     if not answered(answer):
         return answer
     judged = _judged(case, look, progress)
-    progress("sizes")
-    judged = _sized(case, judged)
-    progress("before and after")
-    judged, gain, errors = _before_and_after(case, judged)
+    judged = _sized(case, judged, within(progress, SIZES))
+    judged, gain, errors = _before_and_after(case, judged, within(progress, BEFORE_AFTER))
     likelihood, parameters, found, size = judged.likelihood, case.parameters, judged.found, judged.size
     now = posterior(likelihood, parameters, [f.hypothesis for f in found])
     named = [named_cause(f, found, size, likelihood, parameters, now) for f in found]
     causes = tuple(c for c in named if c.name not in (*OUTSIDE, *SETUP))
     causes = tuple(_to_scale(c, case, judged, now) for c in causes)
     extended, setup = (_changes(parameters, x) for x in (causes, [c for c in named if c.name in SETUP]))
-    progress("what no cause explains")
+    progress(UNEXPLAINED)
     before, after = errors["all"]
     unexplained = _outside(case, judged, named, (after / max(before, 1e-12)) ** 2)
     holds = friction_that_holds(likelihood, case.model, log, case.groups, parameters, judged.theta)
@@ -185,7 +193,7 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
     Raises:
         LogError: robot and log do not fit.
     """
-    progress(f"reading {robot}")
+    progress(f"{READING}: {robot}")
     known, model = len(log.notes), replace(replay_model(robot, log, device), settings=settings)
     log = consistent(model, check_commands(model, one_trunk(one_motion(log, model.settings), model.settings)))
     model = with_oscillator(model, log)
@@ -205,17 +213,18 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
 def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _Judged:
     """Causes that stand out about the robot that fits, and of these the ones that parts and the replay confirm."""
     model, groups, parameters = case.model, case.groups, case.parameters
-    theta, confirmed, likelihood, rivals = fitted(model, case.part, parameters, progress, look)
+    theta, confirmed, likelihood, rivals = fitted(model, case.part, parameters, within(progress, FIT), look)
     if case.part is not groups:
-        likelihood = gather(model, groups, parameters, theta, progress, known=likelihood)
-    progress("causes that stand out")
+        likelihood = gather(model, groups, parameters, theta, within(progress, WHOLE_LOG), known=likelihood)
+    progress(PROOF)
     chosen = select(likelihood, parameters, confirmed)
     validated, _ = cross_validated(chosen, likelihood, parameters)
     # derivatives do not reach from a large cause to a robot without it: in the air, where errors fade, what the fit
     # needed is for the replay to judge alone; on feet, where they grow, both have to agree
     found = [f for f in chosen if f in validated or (f.hypothesis in confirmed and not model.free)]
     rejected = [f for f in chosen if f not in found]
-    found, refuted = by_replay(found, model, groups, likelihood, parameters, theta)
+    log = within(progress, PROOF)
+    found, refuted = by_replay(found, model, groups, likelihood, parameters, theta, log)
     nothing = Sizes(size=np.zeros(len(parameters)), lone=np.zeros(len(parameters)), wider=1.0)
     return _Judged(
         theta=theta,
@@ -232,6 +241,7 @@ def _alone(
     case: _Case,
     judged: _Judged,
     found: list[Found],
+    log: Callable[[str], None],
     start: np.ndarray | None = None,
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[Sizes, Likelihood]:
@@ -241,7 +251,7 @@ def _alone(
     free = [f.hypothesis for f in found]
     named = {k for d in free for k in d.members}
     begin = np.where([k in named or p.is_nuisance for k, p in enumerate(parameters)], start, 0.0)
-    size, near, indices = fitted_alone(model, groups, parameters, free, begin, low, high)
+    size, near, indices = fitted_alone(model, groups, parameters, free, begin, low, high, log=log)
     own, prior, lone = [parameters[k] for k in indices], np.zeros((len(indices), len(indices))), size[indices]
     lone[[k for k, p in enumerate(own) if p.is_nuisance and indices[k] not in named]] = 0.0
     for d in free:
@@ -256,14 +266,14 @@ def _alone(
     return sizes_, _on_windows_of(judged.likelihood, near, indices)
 
 
-def _sized(case: _Case, judged: _Judged) -> _Judged:
+def _sized(case: _Case, judged: _Judged, log: Callable[[str], None]) -> _Judged:
     """The causes with clear sizes; where two are one robot, the likelier of them."""
     found, unclear, size, near = clear_ones(
-        judged.found, judged.likelihood, case.parameters, lambda found: _alone(case, judged, found)
+        judged.found, judged.likelihood, case.parameters, lambda found: _alone(case, judged, found, log)
     )
     likely, other = likelier(found, size.size, case.parameters, case.model.settings.odds.rival)
     if [f.hypothesis for f in likely] != [f.hypothesis for f in found]:
-        size, near = _alone(case, judged, likely, other)
+        size, near = _alone(case, judged, likely, log, other)
     rejected = {**judged.rejected, **{f: _unclear(f, case, judged) for f in unclear}}
     return replace(judged, found=likely, rejected=rejected, size=size, near=near)
 
@@ -279,7 +289,9 @@ def _unclear(f: Found, case: _Case, judged: _Judged) -> str:
     return impossible(size, p.possible, p.unit) or NOT_CLEAR
 
 
-def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict[str, tuple[float, float]]]:
+def _before_and_after(
+    case: _Case, judged: _Judged, log: Callable[[str], None]
+) -> tuple[_Judged, Gain, dict[str, tuple[float, float]]]:
     """Errors on parts that took no part, with and without the causes.
 
     Causes that do not pass the gate go, the one that explains least first. What is outside the catalogue, and how
@@ -289,7 +301,7 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
     foreign = [f for f in found if f.hypothesis.cause in (*OUTSIDE, *SETUP)]
     # a floor or a delay that is a fault is no part of the session before it is reported
     usual = bounds_without(case.parameters, [f.hypothesis for f in found if f not in foreign])
-    before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, bounds=usual)
+    before = (size, near) if len(foreign) == len(found) else _alone(case, judged, foreign, log, bounds=usual)
 
     def errors(
         own: Sequence[Found],
@@ -298,9 +310,9 @@ def _before_and_after(case: _Case, judged: _Judged) -> tuple[_Judged, Gain, dict
         if own == causes:
             size, near = judged.size, judged.near
         elif own:
-            size, near = _alone(case, judged, [f for f in found if f in foreign or f in own])
+            size, near = _alone(case, judged, [f for f in found if f in foreign or f in own], log)
         else:  # nothing is wrong: the floor may be what it likes
-            healthy, usual_ = _alone(case, judged, foreign), wide
+            healthy, usual_ = _alone(case, judged, foreign, log), wide
             size, near = healthy
         hypotheses = [f.hypothesis for f in found if f in foreign or f in own]
         pair = ([f.hypothesis for f in foreign], healthy[1], usual_), (hypotheses, near, wide)

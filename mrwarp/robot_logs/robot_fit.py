@@ -21,6 +21,7 @@ from mrwarp.robot_logs.selection import (
     prior_of,
     select,
 )
+from mrwarp.robot_logs.stages import within
 from mrwarp.robot_logs.windows import Windows
 
 
@@ -72,6 +73,7 @@ def fitted(
         if frozenset(wanted) in fits:  # the last fit asks for itself, or two ask for each other
             break
         free = wanted
+        log = within(progress, f"round {round_ + 1} of {described.settings.robot_fit.rounds}")
         low, high = bounds_of(parameters)
         idle = [k for k, p in enumerate(parameters) if p.declared.sudden and not any(k in d.members for d in wanted)]
         low[idle] = high[idle] = 0.0
@@ -83,6 +85,7 @@ def fitted(
             start: np.ndarray = theta,
             likelihood: Likelihood = likelihood,
             bounds: tuple[np.ndarray, np.ndarray] = (low, high),
+            log: Callable[[str], None] = log,
         ) -> tuple[np.ndarray, Likelihood, bool]:
             if twin is not None:
                 start = np.clip(twin, *bounds)
@@ -91,10 +94,10 @@ def fitted(
                 first[[k for d in guessed if d not in hypotheses for k in d.members]] = 0.0
                 for k, size in (sizes or {}).items():
                     first[k] = size
-                start, _, _ = fitted_alone(model, groups, parameters, hypotheses, first, *bounds, described)
+                start, _, _ = fitted_alone(model, groups, parameters, hypotheses, first, *bounds, described, log=log)
             _, likelihood = replayed(likelihood, model, groups, parameters, start)
             prior = prior_of(parameters, hypotheses)
-            return fit(model, groups, parameters, start, likelihood, prior, *bounds, progress)
+            return fit(model, groups, parameters, start, likelihood, prior, *bounds, log)
 
         theta, likelihood, fresh = refit(free)
         theta, free, likelihood, fresh = _one_drive(
@@ -102,7 +105,7 @@ def fitted(
         )
         fits[frozenset(wanted)] = fits[frozenset(free)] = theta, free
         if not fresh:
-            likelihood = gather(model, groups, parameters, theta, progress)
+            likelihood = gather(model, groups, parameters, theta, log)
     if len(others := {id(x): (x, own) for x, own in fits.values()}) > 1:  # the likeliest one stands
         odds = described.settings.robot.odds
         worth = {key: left(*fit_, likelihood) + odds * len(fit_[1]) for key, fit_ in others.items()}
@@ -112,13 +115,19 @@ def fitted(
     return theta, free, likelihood, rivals
 
 
-def nuisances_of(model: ReplayModel, groups: list[Windows], parameters: list[Parameter]) -> np.ndarray:
+def nuisances_of(
+    model: ReplayModel,
+    groups: list[Windows],
+    parameters: list[Parameter],
+    log: Callable[[str], None] = lambda _: None,
+) -> np.ndarray:
     """Numbers of every session, fitted alone, (P,): the commands' delay by search, the rest fitted again for each.
 
     Coils read what rows command, step by step: derivatives do not say how far off the right row is.
     """
     low, high = bounds_of(parameters)
-    theta, likelihood, indices = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), low, high)
+    begin = np.zeros(len(parameters))
+    theta, likelihood, indices = fitted_alone(model, groups, parameters, [], begin, low, high, log=log)
     own = [parameters[k] for k in indices]
     late = [k for k, p in enumerate(own) if p.declared.uneven]
     moved = theta.copy()
@@ -127,9 +136,7 @@ def nuisances_of(model: ReplayModel, groups: list[Windows], parameters: list[Par
     if (np.abs(moved - theta)[indices][late] < [own[k].least for k in late]).all():
         return theta
     _, likelihood = replayed(likelihood, model, groups, own, moved[indices])
-    moved[indices], _, _ = fit(
-        model, groups, own, moved[indices], likelihood, prior, low[indices], high[indices], lambda _: None
-    )
+    moved[indices], _, _ = fit(model, groups, own, moved[indices], likelihood, prior, low[indices], high[indices], log)
     return moved
 
 
@@ -142,6 +149,8 @@ def fitted_alone(
     low: np.ndarray,
     high: np.ndarray,
     described: Likelihood | None = None,
+    *,
+    log: Callable[[str], None] = lambda _: None,
 ) -> tuple[np.ndarray, Likelihood, list[int]]:
     """The robot with ``free`` and the session's offsets fitted alone by the replay, from ``begin``, (P,).
 
@@ -171,7 +180,7 @@ def fitted_alone(
         prior,
         low[indices],
         high[indices],
-        lambda _: None,
+        log,
         renew=int(bool(described)),
     )
     if described is None:

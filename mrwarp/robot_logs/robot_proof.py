@@ -79,6 +79,7 @@ def by_replay(
     likelihood: Likelihood,
     parameters: list[Parameter],
     fitted: np.ndarray,
+    log: Callable[[str], None],
 ) -> tuple[list[Found], list[Found]]:
     """Causes without which the replay itself, fitted again, is worse, and those that only its derivatives ask for.
 
@@ -89,7 +90,8 @@ def by_replay(
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
         about, base, least, left = likelihood, fitted, -np.inf, []
         steps = likelihood.settings.robot_fit.proof_steps
-        for one in (None, *tried):
+        for k, one in enumerate((None, *tried)):
+            log(f"{k} of {len(tried)}")
             q, low, high = _without(parameters, found, one)
             a, b = about.normal_equations()
             # where derivatives say, or without the cause alone: the better one, for derivatives may lead far astray

@@ -12,6 +12,8 @@ import pytest
 from mrwarp.diagnose.report.countdown import Countdown
 from mrwarp.options.progress_bar import STAGE_WORDS, ProgressBar, stage_of
 from mrwarp.rl import progress as training
+from mrwarp.robot_logs.report import countdown as of_logs
+from mrwarp.robot_logs.stages import BEGINS
 
 
 class Terminal(io.StringIO):
@@ -102,6 +104,25 @@ def test_stages_of_a_diagnosis_do_not_turn_the_bar_back() -> None:
     for text in ("eqs. 14 and 15: starts", "noise", "refining coil_lag", "noise without coil_lag", "what repeats"):
         count(text)
     assert seen == [0.01, 0.03, 0.35, 0.35, 0.85]
+
+
+def test_a_log_is_diagnosed_in_stages() -> None:
+    """A terminal shows which of how many, and what is done in it; without one each has its line."""
+    texts = (
+        "reading: go2.usda",
+        "fit: round 1 of 4: replay 3",
+        "fit: round 2 of 4: replay 1",
+        "likely: a coil; checking",
+    )
+    for stream in (Terminal(), io.StringIO()):
+        bar = of_logs.Countdown(ProgressBar(stream))
+        for text in texts:
+            bar(text)
+        shown, live = stream.getvalue(), stream.isatty()
+        assert f"5 of {len(BEGINS)} fit" in shown and "likely: a coil; checking" in shown
+        assert ("round 2 of 4" in shown) == live and ("35%" in shown) == live
+        assert live or len(shown.splitlines()) == 3
+    assert list(BEGINS.values()) == sorted(BEGINS.values())
 
 
 def test_a_training_says_how_long_it_typically_takes() -> None:
