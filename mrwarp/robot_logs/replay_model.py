@@ -314,21 +314,54 @@ def _reach(model: mujoco.MjModel) -> np.ndarray:
 
 def _sink(model: mujoco.MjModel, feet: tuple[int, ...]) -> np.ndarray:
     """Depth at which the first foot's contact bears the weight, half of it, …, by inverse dynamics at rest, (F,)."""
-    data, wrench = mujoco.MjData(model), np.zeros(6)
+    data, wrench, shapes = mujoco.MjData(model), np.zeros(6), _shapes(model, feet[0])
     depths = 1e-4 * np.arange(1, 200)
     force = np.zeros(len(depths))
     for k, depth in enumerate(depths):
         mujoco.mj_resetData(model, data)
         mujoco.mj_kinematics(model, data)
-        data.qpos[2] -= data.geom_xpos[feet[0], 2] - model.geom_size[feet[0], 0] + depth
+        data.qpos[2] -= _sole(model, data, shapes)[2] + depth
         data.qacc[:] = 0.0
         mujoco.mj_inverse(model, data)
         for c in range(data.ncon):
-            if feet[0] in data.contact[c].geom:
+            if not set(data.contact[c].geom).isdisjoint(shapes):
                 mujoco.mj_contactForce(model, data, c, wrench)
                 force[k] += wrench[0]
     weight = -model.opt.gravity[2] * model.body_mass.sum() / np.arange(1, len(feet) + 1)
     return np.interp(weight, np.maximum.accumulate(force), depths)
+
+
+def _shapes(mj: mujoco.MjModel, foot: int) -> list[int]:
+    """Shapes that can touch the ground of the body that a foot's shape belongs to."""
+    touches = (mj.geom_contype != 0) | (mj.geom_conaffinity != 0)
+    return np.flatnonzero(touches & (mj.geom_bodyid == mj.geom_bodyid[foot])).tolist()
+
+
+def _sole(mj: mujoco.MjModel, data: mujoco.MjData, shapes: list[int]) -> np.ndarray:
+    """Lowest point of a foot's shapes in the world [m], shape (3,), where ``data`` has them."""
+    points = [
+        data.geom_xpos[g] + data.geom_xmat[g].reshape(3, 3) @ _furthest(mj, g, -data.geom_xmat[g][6:]) for g in shapes
+    ]
+    return min(points, key=lambda point: point[2])
+
+
+def _furthest(mj: mujoco.MjModel, geom: int, way: np.ndarray) -> np.ndarray:
+    """Point of a shape that lies furthest along a unit vector, both in the shape's axes, shapes (3,)."""
+    kind, size = mj.geom_type[geom], mj.geom_size[geom]
+    ends, across = np.sign(way), np.array([way[0], way[1], 0.0])
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        first, count = (int(x[mj.geom_dataid[geom]]) for x in (mj.mesh_vertadr, mj.mesh_vertnum))
+        corners = mj.mesh_vert[first : first + count]
+        return corners[np.argmax(corners @ way)].astype(float)
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return size * ends
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return size[0] * across / max(float(np.linalg.norm(across)), 1e-12) + [0.0, 0.0, size[1] * ends[2]]
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return size[0] * way + [0.0, 0.0, size[1] * ends[2]]
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return size**2 * way / float(np.linalg.norm(size * way))
+    return size[0] * way
 
 
 class Stance:
@@ -337,7 +370,7 @@ class Stance:
     def __init__(self, model: ReplayModel, mj: mujoco.MjModel) -> None:
         self.model, self.mj, self.data = model, mj, mujoco.MjData(mj)
         self.feet = list(model.feet)
-        self.radius = mj.geom_size[self.feet, 0]
+        self.shapes = [_shapes(mj, foot) for foot in self.feet]
         self.jacobian, self.turn = np.zeros((3, mj.nv)), np.zeros((3, mj.nv))
 
     def soles(self, qpos: np.ndarray) -> np.ndarray:
@@ -345,7 +378,7 @@ class Stance:
         self.data.qpos[:], self.data.qpos[:3] = qpos, 0.0
         mujoco.mj_kinematics(self.mj, self.data)
         mujoco.mj_comPos(self.mj, self.data)
-        return self.data.geom_xpos[self.feet] - self.radius[:, None] * np.array([0.0, 0.0, 1.0])
+        return np.array([_sole(self.mj, self.data, shapes) for shapes in self.shapes])
 
     def trunk(self, qpos: np.ndarray, qvel: np.ndarray, loaded: np.ndarray) -> tuple[float, np.ndarray]:
         """Height [m] and velocity [m/s] of the trunk, by the mean of the feet that bear load, (F,); else the lowest."""

@@ -1,0 +1,37 @@
+"""The robot of a log in MuJoCo: where its feet end."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mrwarp.robot_logs.replay_model import _sole
+
+CORNERS = "0 0 0  0.1 0 0  0 0.08 0  0 0 0.06  0.03 0.02 -0.05"
+"""Of a mesh [m]."""
+
+
+@pytest.mark.parametrize(
+    "foot",
+    [
+        '<geom type="sphere" size="0.02"/>',
+        '<geom type="box" size="0.11 0.05 0.015"/>',
+        '<geom type="capsule" size="0.02 0.08"/>',
+        '<geom type="cylinder" size="0.04 0.02"/>',
+        '<geom type="ellipsoid" size="0.09 0.04 0.02"/>',
+        '<geom type="mesh" mesh="toe"/>',
+        '<geom size="0.01" pos="0.1 0 0"/><geom size="0.01" pos="-0.1 0.05 0"/>',
+    ],
+)
+def test_a_foot_ends_where_its_shape_touches_the_ground(foot: str) -> None:
+    """However it is turned: 1 mm below the ground MuJoCo sees it 1 mm deep."""
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><asset><mesh name="toe" vertex="{CORNERS}"/></asset><worldbody><geom type="plane" size="1 1 1"/>'
+        f"<body><freejoint/>{foot}</body></worldbody></mujoco>"
+    )
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    for _ in range(20):
+        data.qpos[:] = [0.3, -0.2, 1.0, *rng.normal(size=4)]
+        mujoco.mj_kinematics(model, data)
+        data.qpos[2] -= _sole(model, data, list(range(1, model.ngeom)))[2] + 0.001
+        mujoco.mj_forward(model, data)
+        assert data.contact.dist[: data.ncon].min() == pytest.approx(-0.001, abs=2e-5)
