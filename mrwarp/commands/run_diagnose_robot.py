@@ -48,8 +48,8 @@ class DiagnoseRobot(opt.LogOptions, DiagnoseOptions):
         from mrwarp.robot_logs.forms.open_log import open_log
         from mrwarp.robot_logs.report import log_page, log_pictures
         from mrwarp.robot_logs.report.compared_replays import compare
-        from mrwarp.robot_logs.report.countdown import Countdown
         from mrwarp.robot_logs.report.log_view import log_view
+        from mrwarp.robot_logs.report.stages import Countdown
         from mrwarp.robot_logs.report.walk_change import HEAD, check_walker, walk_change
         from mrwarp.robot_logs.robot_diagnosis import diagnose_log, robot_of
         from mrwarp.robot_logs.robot_verdict import lines

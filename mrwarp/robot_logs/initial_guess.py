@@ -12,6 +12,7 @@ from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood, gather, left_by_each, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.report.stages import DERIVATIVES, SESSION, SINGLE, within
 from mrwarp.robot_logs.robot_fit import FirstLook, nuisances_of, searched
 from mrwarp.robot_logs.selection import (
     Hypothesis,
@@ -23,7 +24,6 @@ from mrwarp.robot_logs.selection import (
     vector,
 )
 from mrwarp.robot_logs.single_changes import screened, sizes_of_their_own
-from mrwarp.robot_logs.stages import DERIVATIVES, SESSION, SINGLE, within
 from mrwarp.robot_logs.windows import Windows
 
 

@@ -21,6 +21,16 @@ from mrwarp.robot_logs.channels.trunk_motion import one_trunk
 from mrwarp.robot_logs.initial_guess import first_look
 from mrwarp.robot_logs.likelihood import Likelihood, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
+from mrwarp.robot_logs.report.stages import (
+    BEFORE_AFTER,
+    FIT,
+    PROOF,
+    READING,
+    SIZES,
+    UNEXPLAINED,
+    WHOLE_LOG,
+    within,
+)
 from mrwarp.robot_logs.robot_fit import FirstLook, fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, cross_validated, held_out
@@ -42,16 +52,6 @@ from mrwarp.robot_logs.selection import (
     posterior,
     select,
     sizes,
-)
-from mrwarp.robot_logs.stages import (
-    BEFORE_AFTER,
-    FIT,
-    PROOF,
-    READING,
-    SIZES,
-    UNEXPLAINED,
-    WHOLE_LOG,
-    within,
 )
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady, unconfirmed
 from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment

@@ -12,6 +12,7 @@ from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DRIVE, ORDINARY
 from mrwarp.robot_logs.likelihood import Likelihood, fit, gather, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.report.stages import within
 from mrwarp.robot_logs.robot_proof import cross_validated
 from mrwarp.robot_logs.selection import (
     Found,
@@ -21,7 +22,6 @@ from mrwarp.robot_logs.selection import (
     prior_of,
     select,
 )
-from mrwarp.robot_logs.stages import within
 from mrwarp.robot_logs.windows import Windows
 
 

@@ -1,10 +1,15 @@
-"""The robot of a log in MuJoCo: where its feet end."""
+"""The robot of a log in MuJoCo: where its feet end, and which of them stand."""
+
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
 from mrwarp.robot_logs.replay_model import _sole
+from mrwarp.robot_logs.windows import _loaded
+from mrwarp.sysid.settings import Settings
 
 CORNERS = "0 0 0  0.1 0 0  0 0.08 0  0 0 0.06  0.03 0.02 -0.05"
 """Of a mesh [m]."""
@@ -35,3 +40,14 @@ def test_a_foot_ends_where_its_shape_touches_the_ground(foot: str) -> None:
         data.qpos[2] -= _sole(model, data, list(range(1, model.ngeom)))[2] + 0.001
         mujoco.mj_forward(model, data)
         assert data.contact.dist[: data.ncon].min() == pytest.approx(-0.001, abs=2e-5)
+
+
+def test_a_foot_that_lands_or_lifts_does_not_stand() -> None:
+    """A foot that bears less than half of its load still moves: the trunk's speed is not that of it."""
+    mj = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body name="FL_calf"><geom size="0.02"/></body></worldbody></mujoco>'
+    )
+    model: Any = SimpleNamespace(model=mj, feet=(0,), settings=Settings())
+    force = np.array([0.0] * 40 + [16.0, 24.0] + [40.0] * 40)
+    run: Any = SimpleNamespace(samples=len(force), feet={"FL": force})
+    assert _loaded(model, run)[:, 0].tolist() == [False] * 41 + [True] * 41
