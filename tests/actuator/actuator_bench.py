@@ -11,12 +11,7 @@ from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
-
+from tests.kernels.law_kernels import f32
 
 EPS = float(np.finfo(np.float32).eps)
 DT = 0.005
@@ -31,17 +26,24 @@ class Joint:
     """The least that an actuator needs to know of a joint."""
 
     joint: str
-    kp: float
-    kd: float
-    tau_limit: float
     mr: MrParams | None
     effects: tuple[Effect, ...] = ()
+    kp: float = 25.0
+    kd: float = 0.6
+    tau_limit: float = 23.7
+
+
+def make_inputs(num_envs: int, joints: int, legs: int = 1, device: str = "cpu") -> ActuatorInputs:
+    """An actuator's arrays, all 0."""
+    columns = {"q_des": joints, "q": joints, "qd": joints, "f_foot": legs, "friction": joints}
+    arrays = {name: wp.zeros((num_envs, count), dtype=float, device=device) for name, count in columns.items()}
+    return ActuatorInputs(**arrays, current_e=wp.zeros(num_envs, dtype=float, device=device))
 
 
 def make_joints(mr: bool = True) -> list[Joint]:
     """Two legs of three joints; the calves carry a device, and the two devices differ."""
     devices = {2: MrParams(), 5: MrParams().replace(coil_time_constant=0.02, K1=5.0)}
-    return [Joint(f"joint_{i}", 25.0 + i, 0.6, 23.7, devices.get(i) if mr else None) for i in range(6)]
+    return [Joint(f"joint_{i}", devices.get(i) if mr else None, kp=25.0 + i) for i in range(6)]
 
 
 @wp.kernel
@@ -78,18 +80,8 @@ class Bench:
         residual: Any = None,
         share_params: bool = True,
     ) -> None:
-        def zeros(*shape: int) -> wp.array:
-            return wp.zeros(shape, dtype=float, device="cpu")
-
         self.joints = list(joints or make_joints())
-        self.inputs = ActuatorInputs(
-            q_des=zeros(num_envs, 6),
-            q=zeros(num_envs, 6),
-            qd=zeros(num_envs, 6),
-            f_foot=zeros(num_envs, 2),
-            current_e=zeros(num_envs),
-            friction=zeros(num_envs, 6),
-        )
+        self.inputs = make_inputs(num_envs, 6, 2)
         self.actuator = MrActuator(
             self.joints, LEGS, self.inputs, dt=DT, cfg=cfg, residual=residual, share_params=share_params
         )

@@ -121,18 +121,6 @@ def test_constraint_coupling_is_passive_in_discrete_time():
     assert explicit["injected"].max() > 1e-3
 
 
-def test_explicit_coupling_adds_the_device_to_the_motor():
-    """tau = motor + device at the calves, motor alone elsewhere, and no bound."""
-    bench, rng = Bench(50, MrActuatorCfg(coupling=Coupling.EXPLICIT)), np.random.default_rng(32)
-    bench.step(**random_inputs(rng, 50))
-    got = bench.everything()
-    device = np.zeros((50, 6), dtype=np.float32)
-    device[:, CALVES] = got["tau_mr"]
-    np.testing.assert_array_equal(got["tau"], got["tau_motor"] + device)
-    assert not got["bound"].any()
-    assert (abs(got["tau_mr"]) > 0).sum() > 80
-
-
 def test_sal_off_keeps_the_drag():
     """SAL off: both gates closed, no current, full motor gain, and the drag at 0 A remains."""
     bench, rng = Bench(50, MrActuatorCfg(sal=False)), np.random.default_rng(33)

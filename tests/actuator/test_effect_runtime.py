@@ -1,38 +1,25 @@
 """Effects in the simulator's actuator: the path of the diagnosis, nothing without effects, states by environment."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 import warp as wp
 
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.effect_runtime import values_row
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
+from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
 from mrwarp.effects.law import STRAIN_TIME
 from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams
+from tests.actuator.actuator_bench import Joint, make_inputs
 from tests.effects.strengths import STRENGTHS
 
 DT = 0.005
 ENVS, JOINTS = 4, 2
 MECHANISMS = [name for name, law in CATALOGUE.items() if law.kind == "mechanism" and name != "rotor_inertia"]
 """Effects that act in the kernels; inertia acts in the model, see tests/env/test_sim.py."""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """The least that an actuator needs to know of a joint."""
-
-    joint: str
-    mr: MrParams
-    effects: tuple[Effect, ...] = ()
-    kp: float = 25.0
-    kd: float = 0.6
-    tau_limit: float = 23.7
 
 
 MASSLESS = {"load_friction": {"inertia": 0.0}}
@@ -65,19 +52,9 @@ class Rig:
         params: MrParams | None = None,
         mixed: bool = False,
     ) -> None:
-        def zeros(*shape: int) -> wp.array:
-            return wp.zeros(shape, dtype=float, device="cpu")
-
         mr = params or MrParams()
         joints = [Joint("a", mr, effects), Joint("b", mr.replace(K1=6.0), () if mixed else effects)]
-        self.inputs = ActuatorInputs(
-            q_des=zeros(num_envs, JOINTS),
-            q=zeros(num_envs, JOINTS),
-            qd=zeros(num_envs, JOINTS),
-            f_foot=zeros(num_envs, 1),
-            current_e=zeros(num_envs),
-            friction=zeros(num_envs, JOINTS),
-        )
+        self.inputs = make_inputs(num_envs, JOINTS)
         self.actuator = MrActuator(joints, [0, 0], self.inputs, dt=DT, cfg=cfg, share_params=share_params)
 
     def step(self, **values: np.ndarray) -> None:

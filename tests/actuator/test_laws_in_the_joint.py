@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
+from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.enums import HYSTERESIS_LAWS, Coupling, ZStep
 from mrwarp.model_file import Effect, load_model, make_effect
@@ -18,7 +17,7 @@ from mrwarp.usd.asset import load_robot
 from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS, AssetError
 from mrwarp.usd.record import LAW
-from tests.actuator.test_effect_runtime import Joint
+from tests.actuator.actuator_bench import Joint, make_inputs
 from tests.actuator.test_newton_drive import Rig, fitted_scene, model_file
 from tests.effects import along
 from tests.effects.test_hysteresis_laws import NUMBERS
@@ -184,18 +183,8 @@ class RandomDevices:
 
     def moved(self, qd: np.ndarray, dt: float, coupling: Coupling) -> tuple[np.ndarray, np.ndarray]:
         """(tau_BW, torque or bound of the brake) along velocities that hold for a step, shapes (T, N)."""
-
-        def zeros(*shape: int) -> wp.array:
-            return wp.zeros(shape, dtype=float, device="cpu")
-
-        inputs = ActuatorInputs(
-            q_des=zeros(DEVICES, 1),
-            q=zeros(DEVICES, 1),
-            qd=zeros(DEVICES, 1),
-            f_foot=zeros(DEVICES, 1),
-            current_e=wp.array(self.current, dtype=float, device="cpu"),
-            friction=zeros(DEVICES, 1),
-        )
+        inputs = make_inputs(DEVICES, 1)
+        inputs.current_e.assign(self.current.astype(np.float32))
         first = {name: float(values[0]) for name, values in self.numbers.items()}
         effects = (make_effect(self.law, first),) if first else ()
         mr = MrParams().replace(D=0.0, C=0.0, I1=0.0, q_neutral=0.0, q_offset=0.0, q_center=0.0, current_max=100.0)

@@ -177,29 +177,6 @@ def test_shared_and_own_parameters_give_the_same_result():
     assert_bit_equal(a, b)
 
 
-def one_tau_dyn(current: float, factor: float) -> np.ndarray:
-    """Prediction at a given current with K1 scaled and I1 = 0, the same state otherwise."""
-    bench = Bench(4, MrActuatorCfg(hold_current=HoldCurrent.FIXED))
-    bench.actuator.set_param("I1", 0.0)
-    bench.actuator.set_param("coil_time_constant", 0.0)
-    bench.actuator.set_param("K1", factor * bench.actuator.param("K1").numpy())
-    # loaded joints that escape from their target: the damping gate is open and takes all of the current
-    bench.step(q_des=-1.5, q=-1.3, qd=2.0, f_foot=50.0, current_e=current, friction=0.0)
-    np.testing.assert_array_equal(bench.actuator.current.numpy(), f32(current))
-    return bench.actuator.tau_dyn.numpy()
-
-
-def test_set_param_doubles_the_part_that_current_makes():
-    """tau_dyn(I) - tau_dyn(0) is proportional to K1; its value by hand is K1*I/(1 + alpha*|qd|)*z with z of eq. 15."""
-    single = one_tau_dyn(1.2, 1.0) - one_tau_dyn(0.0, 1.0)
-    double = one_tau_dyn(1.2, 2.0) - one_tau_dyn(0.0, 2.0)
-    # z after a path of 2*0.005 rad from 0; K1 = 10.413315 and 5 of the two devices
-    z = -np.expm1(-(16.50618 - 10.53036) * 0.01) / (16.50618 - 10.53036)
-    by_hand = np.array([10.413315, 5.0]) * 1.2 / (1 + 0.7777051 * 2) * z
-    np.testing.assert_allclose(single, np.tile(by_hand, (4, 1)), rtol=0, atol=2e-7)
-    np.testing.assert_allclose(double, 2 * single, rtol=0, atol=4e-7)
-
-
 def test_param_is_a_live_view_of_each_parameter():
     """Each name reads its own value, writing one changes that one alone; an unknown name is refused."""
     actuator = Bench(3, share_params=False).actuator

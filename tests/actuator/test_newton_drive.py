@@ -17,7 +17,7 @@ import warp as wp
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator import newton_drive as drive_module
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
+from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, drive_inputs, prepare_brake
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels.mr_joint import FIELDS
@@ -25,6 +25,7 @@ from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, s
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
+from tests.actuator.actuator_bench import make_inputs
 from tests.actuator.test_effect_runtime import MECHANISMS, effect
 
 ORIGIN = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
@@ -108,10 +109,7 @@ def reference(
         mr=mr,
         model=Model(parameters={}, fitted_on=ORIGIN, effects=effects),
     )
-    num = model.joint_dof_count
-    names = ("q_des", "q", "qd", "f_foot", "friction")
-    columns = {name: wp.zeros((num, 1), dtype=float, device="cpu") for name in names}
-    inputs = ActuatorInputs(current_e=wp.zeros(num, dtype=float, device="cpu"), **columns)
+    inputs = make_inputs(model.joint_dof_count, 1)
     actuator = MrActuator([joint], [0], inputs, dt=DT, cfg=cfg, share_params=False)
     for name, values in per_joint.items():
         actuator.set_param(name, values.reshape(-1, 1))
@@ -155,30 +153,6 @@ def test_drive_equals_actuator(coupling: Coupling, hold_current: HoldCurrent, z_
     assert gates.min() > 50, f"trajectory opens the gates too rarely: {gates}"
     assert rig.now.drive_state is not None
     np.testing.assert_allclose(rig.now.drive_state.z.numpy(), other.z.numpy()[:, 0], rtol=3e-7, atol=1e-6)
-
-
-def test_current_part_is_linear() -> None:
-    """Without a foot load the device follows mr_current; its part is -sgn(qd)*(I1 + K1/(1 + a|qd|)*z)*I, eq. 14.
-
-    Loading from z = 0 at constant speed: a step gives z = (1 - exp(-(beta + gamma)*qd*dt))/(beta + gamma), and tau_BW
-    is above 0 for these numbers.
-    """
-    bouc_wen = MrParams().bouc_wen
-    current, speed = np.array([0.0, 0.6, 1.2]), 3.0
-    rig = Rig(scene(num=3))
-    rig.inputs.mr_foot_load = None
-    rig.state.joint_q.fill_(-1.5)
-    rig.state.joint_qd.fill_(speed)
-    rig.inputs.mr_current.assign(current.astype(np.float32))
-    tau = rig.step()
-    z = -np.expm1(-speed * DT / bouc_wen.z_bound) * bouc_wen.z_bound
-    factor = bouc_wen.I1 + bouc_wen.K1 / (1.0 + bouc_wen.alpha * speed) * z
-    motor = np.clip(25.0 * 1.5 - 0.6 * speed, -35.55, 35.55)
-    off = bouc_wen.D + bouc_wen.B * speed + bouc_wen.K0 / (1.0 + bouc_wen.alpha * speed) * z
-    assert off > 0.1
-    # one rounding of an effort of some 35 N·m is 2e-6
-    np.testing.assert_allclose(tau[1:] - tau[0], -factor * current[1:], atol=2e-5)
-    np.testing.assert_allclose(tau[0] - motor, -off, atol=2e-3)  # q_c is -2.4e-4 rad off the neutral angle
 
 
 def test_feedforward_and_target_velocity() -> None:
@@ -353,14 +327,6 @@ def loaded_speeds(load: np.ndarray, current: float, f_foot: float | None, steps:
         rig.state, other = other, rig.state
         speeds.append(rig.state.joint_qd.numpy().copy())
     return np.array(speeds)
-
-
-def test_a_held_joint_creeps_less_than_a_ten_thousandth() -> None:
-    """Under 30 % of its largest bound, that of 1.5 A: 1e-5 rad/s per N·m."""
-    load = 0.3 * yield_torque(1.5)
-    creep = loaded_speeds(np.array([load, -load]), 1.5, None, 40)[-1]
-    np.testing.assert_allclose(creep, np.array([1.0, -1.0]) * brake_constraint.CREEP * load, rtol=0.02)
-    assert np.abs(creep).max() < 1e-4
 
 
 @pytest.mark.parametrize("f_foot", [None, 50.0])

@@ -3,11 +3,9 @@
 # Newton's arrays are Optional and its custom attributes dynamic; pyright cannot follow either
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 
-from __future__ import annotations
-
 import threading
 import warnings
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 
 import newton
@@ -18,7 +16,7 @@ import warp as wp
 
 import mrwarp.actuator.residual
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator
+from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.actuator.newton_drive import DriveMR, drive_inputs
 from mrwarp.actuator.residual import KINDS, LearnedTorque, states_at_rest, window_now, with_bouc_wen
 from mrwarp.enums import Coupling, HoldCurrent, LstmState
@@ -31,22 +29,11 @@ from mrwarp.nn.network_file import DEVICE, LearnedModel, OtherDeviceError, Sampl
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.runtime import DeviceWarning
+from tests.actuator.actuator_bench import Joint, make_inputs
 
 DT = 0.005
 MR = 4
 PAPER = {name: value for name, value in MrParams() if name in DEVICE}
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A calf with a device."""
-
-    joint: str = "calf"
-    kp: float = 35.0
-    kd: float = 0.6
-    tau_limit: float = 35.0
-    mr: MrParams = MrParams()
-    effects: tuple = ()
 
 
 def make_model(kind: str, seed: int = 0, dt: float = DT) -> LearnedModel:
@@ -70,20 +57,16 @@ class Loop:
         coupling: Coupling = Coupling.EXPLICIT,
         device: str = "cpu",
     ) -> None:
-        def zeros(*shape: int) -> wp.array:
-            return wp.zeros(shape, dtype=float, device=device)
-
-        self.inputs = ActuatorInputs(
-            q_des=zeros(num_envs, MR),
-            q=zeros(num_envs, MR),
-            qd=zeros(num_envs, MR),
-            f_foot=zeros(num_envs, MR),
-            current_e=zeros(num_envs),
-            friction=zeros(num_envs, MR),
-        )
+        self.inputs = make_inputs(num_envs, MR, MR, device)
         cfg = MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED)
         self.actuator = MrActuator(
-            [Joint()] * MR, list(range(MR)), self.inputs, dt=DT, cfg=cfg, residual=residual, share_params=False
+            [Joint("calf", MrParams())] * MR,
+            list(range(MR)),
+            self.inputs,
+            dt=DT,
+            cfg=cfg,
+            residual=residual,
+            share_params=False,
         )
 
     def run(
@@ -332,23 +315,6 @@ def test_a_capacity_out_of_range_is_refused(capacity: float) -> None:
         LearnedTorque(make_model("mlp"), dt=DT, capacity=capacity)
 
 
-def test_learned_torque_with_all_gates_closed_changes_nothing() -> None:
-    """No open window: tau_BW keeps its bits."""
-    ring, head, m_dyn, tau = make_window(4, seed=7)
-    got = evaluate(LearnedTorque(make_model("pg_rlstm"), dt=DT), ring, head, np.zeros_like(m_dyn), tau)
-    np.testing.assert_array_equal(got, tau)
-
-
-def test_lstm_of_a_gpu_equals_that_of_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The kernel that a GPU runs, here on the CPU, and the one with vector lanes agree to float32 rounding."""
-    model = make_model("lstm", seed=8)
-    windows = make_window(8, seed=9)
-    of_a_cpu = evaluate(LearnedTorque(model, dt=DT, lstm_state=LstmState.WINDOW), *windows)
-    monkeypatch.setattr(launch, "GPU_LAYOUT", True)
-    of_a_gpu = evaluate(LearnedTorque(model, dt=DT, lstm_state=LstmState.WINDOW), *windows)
-    np.testing.assert_allclose(of_a_gpu, of_a_cpu, rtol=0.0, atol=1e-5)
-
-
 @pytest.mark.parametrize("coupling", list(Coupling))
 @pytest.mark.parametrize("kind", ["mlp", None])
 def test_an_actuator_in_a_gpus_threads_gives_the_bits_of_one_thread(
@@ -497,15 +463,11 @@ def test_newton_drive_with_a_learned_torque_is_the_actuator_with_it(kind: str) -
     given = drive_inputs(actuator, control)
     motion = {name: values[..., :1] for name, values in make_motion(num, steps, seed=15).items() if values.ndim == 3}
     motion["current_e"] = np.broadcast_to([0.5, 1.0, 1.5], (steps, num))
-    inputs = ActuatorInputs(
-        current_e=wp.zeros(num, dtype=float, device="cpu"),
-        **{name: wp.zeros((num, 1), dtype=float, device="cpu") for name in ("q_des", "q", "qd", "f_foot", "friction")},
-    )
+    inputs = make_inputs(num, 1)
     cfg = MrActuatorCfg(coupling=Coupling.EXPLICIT, hold_current=HoldCurrent.FIXED)
-    joints = [Joint(mr=with_bouc_wen(MrParams(), model))]
-    other = MrActuator(
-        joints, [0], inputs, dt=DT, cfg=cfg, residual=LearnedTorque(model, dt=DT, lstm_state=LstmState.WINDOW)
-    )
+    joints = [Joint("calf", with_bouc_wen(MrParams(), model))]
+    residual = LearnedTorque(model, dt=DT, lstm_state=LstmState.WINDOW)
+    other = MrActuator(joints, [0], inputs, dt=DT, cfg=cfg, residual=residual)
     inputs.q.assign(motion["q"][0].astype(np.float32))
     other.reset()
     mask = wp.array([False, True, False], dtype=wp.bool, device="cpu")

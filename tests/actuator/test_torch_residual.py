@@ -1,7 +1,5 @@
 """A learned torque in torch: the kernels' function on the same arrays, and modules of any other shape."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The virtual joint: eq. 14 with all effects off, and each effect does what its law says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

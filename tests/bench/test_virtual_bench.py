@@ -1,7 +1,5 @@
 """The virtual bench: sessions are reproducible and what the paper's were, and the command records them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -52,17 +52,8 @@ class Shaft:
         current = np.where(np.sin(3.0 * t) > 0.0, 1.0, 0.25) + 0.2 * np.sin(7.0 * t)
         heat = np.linspace(0.0, 5.0, len(t)) * np.linspace(1.0, 2.0, len(HEAT_TIMES))[:, None]
         slid = np.cumsum(np.abs(qd))
-        return cls(
-            dt=dt,
-            q=q,
-            qd=qd,
-            qdd=qdd,
-            current=current,
-            time=t,
-            slid_time=slid * t[-1] / slid[-1],
-            heat=heat,
-            start=(0, len(t)),
-        )
+        made = {"q": q, "qd": qd, "qdd": qdd, "time": t, "slid_time": slid * t[-1] / slid[-1], "heat": heat}
+        return replace(cls.steady(current, dt), **made)
 
     @classmethod
     def steady(cls, current: np.ndarray, dt: float = 0.005, qd: float = 1.0) -> Self:
@@ -70,17 +61,8 @@ class Shaft:
         count = len(current)
         t, zero = np.arange(count) * dt, np.zeros(count)
         heat = np.zeros((len(HEAT_TIMES), count))
-        return cls(
-            dt=dt,
-            q=qd * t,
-            qd=zero + qd,
-            qdd=zero,
-            current=current,
-            time=t,
-            slid_time=t,
-            heat=heat,
-            start=(0, count),
-        )
+        made = {"q": qd * t, "qd": zero + qd, "qdd": zero, "current": current, "time": t, "slid_time": t, "heat": heat}
+        return cls(dt=dt, **made, start=(0, count))
 
     def after(self, other: Self) -> Self:
         """This trajectory behind another one."""

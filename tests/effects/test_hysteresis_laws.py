@@ -98,10 +98,9 @@ def test_a_law_is_its_published_equation(name: str, numbers: dict[str, float]) -
 def test_a_law_dissipates_over_a_cycle_and_stays_bounded(name: str, numbers: dict[str, float]) -> None:
     """The work of a closed cycle is positive and h stays finite, however coarse the step."""
     t = 0.01 * np.arange(400)
-    shaft = along.Shaft.steady(np.zeros(400), dt=0.01)
     w = 2.0 * np.pi
     motion = {"q": 0.4 * np.sin(w * t), "qd": 0.4 * w * np.cos(w * t), "qdd": -0.4 * w * w * np.sin(w * t)}
-    shaft = along.Shaft(**{**vars(shaft), **motion})
+    shaft = replace(along.Shaft.steady(np.zeros(400), dt=0.01), **motion)
     h = h_of(name, numbers, shaft)
     assert np.isfinite(h).all() and np.abs(h).max() < 5.5
     assert float((h[200:] * shaft.qd[200:]).sum()) > 0.0
@@ -118,16 +117,18 @@ BEHIND = [{"half_gap": 0.01}, {"half_gap": 0.03}, {"compliance": 0.02}, {"half_g
 """Elements before the shaft."""
 
 
+def elements(before: dict[str, float]) -> dict[str, dict[str, float]]:
+    """The effects of what stands before the shaft."""
+    effects = {"half_gap": "backlash", "compliance": "series_compliance"}
+    return {effects[name]: {name: size} for name, size in before.items()}
+
+
 def guo_behind(shaft: along.Shaft, **before: float) -> np.ndarray:
     """Guo's device of the benchmark without stiffness, as the kernel has it; nothing before the shaft by default."""
     p = foreign.TYPICAL["guo"]
     base = {"K0": p["yield0"], "K1": p["yield1"], "beta": 1.0, "B": p["c"]}
-    effects = {"arctangent": {"slope": p["steepness"], "speed": p["speed0"], "rounding": p["rise"]}}
-    if "half_gap" in before:
-        effects["backlash"] = {"half_gap": before["half_gap"]}
-    if "compliance" in before:
-        effects["series_compliance"] = {"compliance": before["compliance"]}
-    return along.torque(shaft, base, effects)
+    law = {"arctangent": {"slope": p["steepness"], "speed": p["speed0"], "rounding": p["rise"]}}
+    return along.torque(shaft, base, law | elements(before))
 
 
 @pytest.mark.parametrize("before", BEHIND, ids=str)
@@ -154,12 +155,8 @@ def test_a_law_behind_play_or_a_spring_bears_what_they_bear(before: dict[str, fl
 def test_every_law_dissipates_behind_play_and_springs(name: str, before: dict[str, float]) -> None:
     """Over the motion the joint does work, and nothing grows: the largest torque is not above that of the law alone."""
     shaft = replace(SHAFT, current=np.full(len(SHAFT.q), 0.7))
-    effects = {name: NUMBERS[name]}
-    if "half_gap" in before:
-        effects["backlash"] = {"half_gap": before["half_gap"]}
-    if "compliance" in before:
-        effects["series_compliance"] = {"compliance": before["compliance"]}
-    plain, behind = along.torque(shaft, UNIT, {name: NUMBERS[name]}), along.torque(shaft, UNIT, effects)
+    law = {name: NUMBERS[name]}
+    plain, behind = along.torque(shaft, UNIT, law), along.torque(shaft, UNIT, law | elements(before))
     assert np.isfinite(behind).all()
     assert float((behind * shaft.qd).sum()) > 0.0
     assert np.abs(behind).max() < 1.1 * np.abs(plain).max()

@@ -17,19 +17,7 @@ def stop_and_go(dt: float = 0.001) -> Shaft:
     pace = 0.5 - 0.5 * np.cos(np.pi * pace)
     q = 0.3 * np.sin(2.0 * np.pi * np.cumsum(pace) * dt)
     qd = np.gradient(q, dt)
-    heat = np.zeros((7, len(t)))
-    zero = np.zeros(len(t))
-    return Shaft(
-        dt=dt,
-        q=q,
-        qd=qd,
-        qdd=np.gradient(qd, dt),
-        current=zero + 1.0,
-        time=t,
-        slid_time=t,
-        heat=heat,
-        start=(0, len(t)),
-    )
+    return replace(Shaft.steady(np.ones(len(t)), dt), q=q, qd=qd, qdd=np.gradient(qd, dt))
 
 
 def rubbing(shaft: Shaft, slips_at: Callable[[float], float], reach: float = 2e-4) -> np.ndarray:

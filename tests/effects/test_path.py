@@ -58,17 +58,8 @@ def test_units_of_the_parameters_are_those_of_the_law(names: list[str]) -> None:
     """In other units of angle, current and torque, with numbers converted by ``scale``, the same torque comes out."""
     shaft, effects = Shaft.swinging(), {name: STRENGTHS[name] for name in names}
     q, current, size = 4.0, 0.5, 8.0  # what an old unit is in new ones: powers of two, so that rounding is the same
-    other = Shaft(
-        dt=shaft.dt,
-        q=q * shaft.q,
-        qd=q * shaft.qd,
-        qdd=q * shaft.qdd,
-        current=current * shaft.current,
-        time=shaft.time,
-        slid_time=shaft.slid_time,
-        heat=size * q * shaft.heat,
-        start=shaft.start,
-    )
+    moved = {name: q * getattr(shaft, name) for name in ("q", "qd", "qdd")}
+    other = along.replace(shaft, **moved, current=current * shaft.current, heat=size * q * shaft.heat)
 
     def factor(powers: tuple[int, int, int]) -> float:
         return q ** powers[0] * current ** powers[1] * size ** powers[2]

@@ -101,16 +101,6 @@ def test_velocity_between_is_exact_for_a_parabola() -> None:
     np.testing.assert_allclose(z[inner] - z[inner - 1], want, rtol=0, atol=8 * EPS * z[20])
 
 
-def test_candidate_in_a_batch_equals_the_same_alone() -> None:
-    """Candidates do not see each other: each row is bit-equal to a launch of its own."""
-    data, rng = motion(), np.random.default_rng(0)
-    batch = [PAPER | {"beta": rng.uniform(10, 30), "alpha": rng.uniform(0, 2), "creep": c} for c in (0.0, 5.0, 0.0)]
-    together = launch(batch, data, substeps=2)
-    alone = np.concatenate([launch([one], data, substeps=2) for one in batch])
-    np.testing.assert_array_equal(together, alone)
-    assert np.isfinite(together).all()
-
-
 def catmull_rom(v: np.ndarray, first: int, last: int, k: int, part: float) -> float:
     """Velocity between samples k - 1 and k from the Hermite form, the tangents being central differences."""
     a, b, c, d = v[max(k - 2, first)], v[k - 1], v[k], v[min(k + 1, last)]

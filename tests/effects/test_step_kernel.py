@@ -9,15 +9,10 @@ import warp as wp
 from mrwarp.effects.step_kernel import EffectArrays, step_kernel
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
-from mrwarp.kernels.mr_joint import FIELDS, FIXED, SUPPORT, JointParams
-from mrwarp.kernels.mr_stages import advance_head_kernel, learned_torque_kernel, reset_kernel
+from mrwarp.kernels.mr_joint import FIXED, SUPPORT, JointParams
+from mrwarp.kernels.mr_stages import learned_torque_kernel, reset_kernel
 from mrwarp.params import MrParams
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
-
+from tests.kernels.law_kernels import f32
 
 DT = 0.005
 # three joints of which joints 2 and 0 carry devices 0 and 1; the devices read legs 3 and 1
@@ -213,15 +208,6 @@ def test_explicit_device_never_does_positive_work_at_an_instant():
         assert power[got["m_dyn"] > 0].max() < 0.0
 
 
-def test_advance_head_wraps():
-    """The head runs 0, 1, 2, 0 in a ring of 3."""
-    head, seen = ints([2]), []
-    for _ in range(4):
-        wp.launch(advance_head_kernel, dim=1, inputs=[3, head], outputs=[head], device="cpu")
-        seen.append(int(head.numpy()[0]))
-    assert seen == [0, 1, 2, 0]
-
-
 def test_reset_overwrites_masked_environments_only():
     """Masked environments come to rest with a history at their angle; NaN elsewhere shows that nothing was written."""
     q = f32(np.random.default_rng(11).normal(-1.5, 0.3, (5, 3)))
@@ -238,11 +224,6 @@ def test_reset_overwrites_masked_environments_only():
     want = np.zeros((2, 2, WINDOW, FEATURES))
     want[..., 0] = (q[mask][:, JOINT_OF] - offset)[:, :, None]
     np.testing.assert_allclose(ring.numpy()[mask], want, rtol=0, atol=1e-6)
-
-
-def test_struct_has_the_fields_of_the_parameters():
-    """The kernels' struct and MrParams name the same parameters in the same order."""
-    assert tuple(spec.name for spec in MrParams.specs()) == FIELDS
 
 
 def test_a_commanded_device_gets_its_current_while_a_gate_is_open():

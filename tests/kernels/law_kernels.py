@@ -1,6 +1,9 @@
 """Kernels of a few lines around single laws, for tests of the laws."""
 # pyright: reportAttributeAccessIssue=false
 
+from typing import Any
+
+import numpy as np
 import warp as wp
 
 from mrwarp.kernels.bouc_wen import bouc_wen_euler, bouc_wen_exact
@@ -8,7 +11,11 @@ from mrwarp.kernels.brake import holding_torque, oppose_velocity, support_curren
 from mrwarp.kernels.coil import coil_current, mean_coil_current
 from mrwarp.kernels.gate import dynamic_gate, hold_gate
 from mrwarp.kernels.learned_torque import FEATURES, window_row
-from mrwarp.kernels.pd import pd_torque
+
+
+def f32(values: Any) -> np.ndarray:
+    """The values as a float32 array."""
+    return np.asarray(values, dtype=np.float32)
 
 
 @wp.kernel
@@ -113,26 +120,6 @@ def hold_kernel(
     tau_y_out[env, joint] = tau_y
     support_current_out[env, joint] = support_current(need, safety_factor, current_max, T_max, K, n)
     tau_hold_out[env, joint] = holding_torque(need, tau_y)
-
-
-@wp.kernel
-def pd_kernel(
-    # parameters, shape (E or 1, J) [N·m/rad, N·m·s/rad, N·m]
-    kp: wp.array2d[float],
-    kd: wp.array2d[float],
-    tau_limit: wp.array2d[float],
-    # in, shape (E, J) [rad, rad, rad/s]
-    q_des_in: wp.array2d[float],
-    q_in: wp.array2d[float],
-    qd_in: wp.array2d[float],
-    # out, shape (E, J) [N·m]
-    tau_out: wp.array2d[float],
-):
-    """PD torque of joints that carry no MR device."""
-    env, joint = wp.tid()
-    row = env % kp.shape[0]
-    e = q_des_in[env, joint] - q_in[env, joint]
-    tau_out[env, joint] = pd_torque(e, qd_in[env, joint], kp[row, joint], kd[row, joint], tau_limit[row, joint])
 
 
 @wp.kernel

@@ -1,17 +1,10 @@
 """A device only resists: eq. 6 never does positive work (eq. 7), and neither does the brake constraint."""
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
 from mrwarp.kernels.brake import constraint_torque
-from tests.kernels.law_kernels import oppose_velocity_kernel
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
+from tests.kernels.law_kernels import f32, oppose_velocity_kernel
 
 
 @wp.kernel

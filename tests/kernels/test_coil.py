@@ -1,16 +1,9 @@
 """Coil lag: the exact exponential, and no lag for a time constant of 0."""
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
-from tests.kernels.law_kernels import coil_kernel
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
+from tests.kernels.law_kernels import coil_kernel, f32
 
 
 def coil(command, current, time_constant: float, dt: float) -> np.ndarray:

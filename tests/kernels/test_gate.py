@@ -1,19 +1,11 @@
 """Gates of eqs. 5 and 8 as a truth table, and the gain switch of eq. 9."""
 
 import itertools
-from typing import Any
 
 import numpy as np
 import warp as wp
 
-from mrwarp.kernels.gate import effective_kp
-from tests.kernels.law_kernels import gate_kernel
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
-
+from tests.kernels.law_kernels import f32, gate_kernel
 
 F_TH, EPS_E, EPS_V, EPS_HOLD = f32([5.0, 0.05, 0.2, 0.2])
 
@@ -38,13 +30,6 @@ def gates(f_foot, e, qd, eps_hold=EPS_HOLD) -> tuple[np.ndarray, np.ndarray]:
     return m_dyn.numpy(), m_hold.numpy()
 
 
-@wp.kernel
-def effective_kp_kernel(m_hold_in: wp.array[float], kp_out: wp.array[float]):
-    """Gain of eq. 9 with 25 and 5 N·m/rad."""
-    i = wp.tid()
-    kp_out[i] = effective_kp(m_hold_in[i], 25.0, 5.0)
-
-
 def test_gate_truth_table():
     """All sides of all thresholds, the thresholds themselves included (closed there: strict inequalities)."""
     signed_e = [s * x for s in (-1, 1) for x in around(EPS_E)]
@@ -60,14 +45,6 @@ def test_gate_truth_table():
     assert (m_dyn.sum(), m_hold.sum()) == (16, 80)
 
 
-def test_gate_named_cases():
-    """The words of the paper: escaping is damped, returning is not, standing is held, a lifted leg is left alone."""
-    f, e, qd = [50.0, 50.0, 50.0, 4.0, 4.0], [0.1, 0.1, 0.1, 0.1, 0.1], [-1.0, 1.0, 0.1, -1.0, 0.1]
-    m_dyn, m_hold = gates(f, e, qd)
-    np.testing.assert_array_equal(m_dyn[0], [1, 0, 0, 0, 0])
-    np.testing.assert_array_equal(m_hold[0], [0, 0, 1, 0, 0])
-
-
 def test_gates_are_binary_and_never_both_open():
     """Over 5 seeds, with a holding threshold above the damping one, so that the last factor of eq. 8 decides."""
     for seed in range(5):
@@ -76,11 +53,3 @@ def test_gates_are_binary_and_never_both_open():
         m_dyn, m_hold = gates(rng.uniform(0, 20, shape), rng.normal(0, 0.2, shape), rng.normal(0, 1, shape), 1.0)
         assert set(np.unique(m_dyn)) == {0.0, 1.0} == set(np.unique(m_hold))
         assert (m_dyn * m_hold).max() == 0.0
-
-
-def test_effective_kp_is_low_only_while_holding():
-    """Eq. 9: 25 N·m/rad with the holding gate closed, 5 with it open."""
-    kp = wp.full(2, float("nan"), dtype=float, device="cpu")
-    m_hold = wp.array([0.0, 1.0], dtype=float, device="cpu")
-    wp.launch(effective_kp_kernel, dim=2, inputs=[m_hold], outputs=[kp], device="cpu")
-    np.testing.assert_array_equal(kp.numpy(), [25.0, 5.0])

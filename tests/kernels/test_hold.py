@@ -1,19 +1,9 @@
 """Pre-yield holding: capacity (eq. 18), its inverse with margin, and the clipped torque (eq. 19)."""
 
-from typing import Any
-
 import numpy as np
-import pytest
 import warp as wp
 
-from mrwarp.kernels.brake import holding_need
-from tests.kernels.law_kernels import hold_kernel
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
-
+from tests.kernels.law_kernels import f32, hold_kernel
 
 T_MAX, K, N, FACTOR, I_MAX = 26.59697, 0.51272, 2.87967, 1.2, 1.5
 
@@ -32,13 +22,6 @@ def hold(need, current, factor=FACTOR, current_max=I_MAX) -> tuple[np.ndarray, n
     wp.launch(hold_kernel, dim=need.shape, inputs=inputs, outputs=outs, device="cpu")
     capacity, support, tau = (x.numpy() for x in outs)
     return capacity, support, tau
-
-
-@wp.kernel
-def need_kernel(e_in: wp.array[float], need_out: wp.array[float]):
-    """Need of eq. 19 with 25 and 5 N·m/rad."""
-    i = wp.tid()
-    need_out[i] = holding_need(e_in[i], 25.0, 5.0)
 
 
 def test_yield_torque_of_the_paper():
@@ -83,11 +66,3 @@ def test_holding_torque_is_the_need_within_the_capacity():
         tau_y, _, tau = hold(need, current)
         assert (abs(tau) - tau_y).max() <= 0.0
         np.testing.assert_array_equal(tau, np.clip(f32(need), -tau_y, tau_y))
-
-
-def test_holding_need_is_the_gain_that_the_motor_gives_up():
-    """(25 - 5) N·m/rad times the tracking error."""
-    e = wp.array([-0.25, 0.0, 0.1], dtype=float, device="cpu")
-    need = wp.full(3, float("nan"), dtype=float, device="cpu")
-    wp.launch(need_kernel, dim=3, inputs=[e], outputs=[need], device="cpu")
-    assert need.numpy() == pytest.approx([-5.0, 0.0, 2.0], rel=1e-6)

@@ -1,18 +1,11 @@
 """The energy ledger adds each step's work to its branch, as NumPy does."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import warp as wp
 
 from mrwarp.kernels.ledger import COIL, DRAG, DYNAMIC, ENTRIES, HOLD, INJECTED, MOTOR, MOTOR_SQUARE, ledger_kernel
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
-
+from tests.kernels.law_kernels import f32
 
 E, SLOT_OF, DT = 6, np.array([-1, 1, 0]), 0.005
 JOINT_OF = [2, 1]

@@ -1,7 +1,6 @@
 """The history ring reads out oldest sample first, also after it has wrapped around."""
 
 from collections import deque
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,12 +8,7 @@ import warp as wp
 
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_stages import advance_head_kernel
-from tests.kernels.law_kernels import window_read_kernel
-
-
-def f32(values: Any) -> np.ndarray:
-    """The values as a float32 array."""
-    return np.asarray(values, dtype=np.float32)
+from tests.kernels.law_kernels import f32, window_read_kernel
 
 
 def read(ring: np.ndarray, head: int) -> np.ndarray:
