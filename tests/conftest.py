@@ -15,7 +15,8 @@ import torch
 import warp as wp
 from matplotlib.figure import Figure
 
-from mrwarp import runtime
+from mrwarp import cli, runtime
+from tests.messages import Refused
 
 # before the first kernel: Warp prints its banner and every compiled module at LOG_INFO
 wp.config.log_level = wp.LOG_WARNING
@@ -68,6 +69,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if gpu and wp.get_cuda_device_count() == 0:
         for item in gpu:
             item.add_marker(pytest.mark.skip(reason="Warp finds no CUDA device"))
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Run a command that must refuse its input: exit code 2 and one line on stderr, which comes back."""
+
+    def run(*words: object) -> str:
+        capsys.readouterr()
+        try:
+            code = cli.main([str(word) for word in words])
+        except SystemExit as leaving:  # argparse ends this way
+            code = leaving.code
+        error = capsys.readouterr().err
+        assert code == 2 and error.startswith(f"mrwarp {words[0]}"), error
+        assert error.count("\n") == 1 and error.endswith("\n") and "Traceback" not in error, error
+        return error
+
+    return run
 
 
 @pytest.fixture(scope="session")

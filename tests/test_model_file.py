@@ -24,7 +24,7 @@ from mrwarp.model_file import (
     save_model,
 )
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import load_bench, load_robot
+from mrwarp.usd.asset import load_robot
 from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS
 from tests.messages import has_parts
@@ -121,13 +121,6 @@ def test_usd_round_trip_is_lossless(tmp_path: Path) -> None:
     assert back is not None and before is not None
     assert back == model().to_params(before)
     assert {name: back.to_dict()[name] for name in VALUES} == VALUES
-
-
-def test_bench_asset_takes_the_model(tmp_path: Path) -> None:
-    """The one-joint bench accepts the same model."""
-    edit_asset(ASSETS / "mr_bench.usda", "bench_joint", {}, tmp_path / "bench.usda", model=model())
-    back = load_bench(tmp_path / "bench.usda").actuators[0].mr
-    assert back is not None and back.hold.n == 3.0
 
 
 def test_linear_damper_keeps_its_units_and_is_no_joint(tmp_path: Path) -> None:

@@ -19,24 +19,9 @@ from mrwarp.options.option_types import one, some
 from mrwarp.recording.load import Holding
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.usd.open_stage import ASSETS
-from tests.messages import has_parts
+from tests.messages import Refused, has_parts
 from tests.models import paper_model
 from tests.robot_logs.arm_log import arm_log
-
-
-def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Message of a command that must refuse its input."""
-    try:
-        code = cli.main(argv)
-    except SystemExit as leaving:  # argparse ends this way
-        code = leaving.code
-    captured = capsys.readouterr()
-    assert code == 2
-    assert "Traceback" not in captured.err
-    assert captured.err.startswith(f"mrwarp {argv[0]}") and captured.err.endswith("\n")
-    assert captured.err.count("\n") == 1, captured.err
-    return captured.err
-
 
 SEEDED: dict[str, list[str]] = {
     "fit": ["data.csv"],
@@ -55,11 +40,11 @@ SEEDED: dict[str, list[str]] = {
 @pytest.mark.parametrize("seed", ["-1", "9223372036854775808", "1.5"])
 @pytest.mark.parametrize("command", SEEDED)
 def test_a_seed_out_of_range(
-    command: str, seed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, seed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
 ) -> None:
     """Every command refuses the same seeds in the same words."""
     monkeypatch.chdir(tmp_path)
-    line = refused([command, *SEEDED[command], "--seed", seed], capsys)
+    line = refused(command, *SEEDED[command], "--seed", seed)
     assert "--seed" in line and seed in line
     assert "from 0 to 2^63 - 1" in line or "not a whole number" in line
     assert not list(tmp_path.iterdir())
@@ -67,9 +52,9 @@ def test_a_seed_out_of_range(
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
 @pytest.mark.parametrize("length", ["-1", "nan", "inf", "60.5", "short"])
-def test_a_moving_average_out_of_range(command: str, length: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_moving_average_out_of_range(command: str, length: str, refused: Refused) -> None:
     """Refused before anything is read."""
-    line = refused([command, "nowhere.csv", "--predict", "nowhere.csv", "--averaged", length], capsys)
+    line = refused(command, "nowhere.csv", "--predict", "nowhere.csv", "--averaged", length)
     assert "--averaged" in line and length in line
     assert "allowed: 0 to 60 s" in line or "is not a number" in line
 
@@ -110,9 +95,7 @@ LATE: dict[str, tuple[list[str], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("what", LATE)
-def test_fit_refuses_before_it_fits(
-    what: str, bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fit_refuses_before_it_fits(what: str, bench: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused) -> None:
     """Inputs of later steps are read and checked before the search."""
     monkeypatch.chdir(bench)
     import mrwarp.identify.mechanics_fit  # noqa: F401 - loaded later, it would keep the stand-in
@@ -120,7 +103,7 @@ def test_fit_refuses_before_it_fits(
     monkeypatch.setattr("mrwarp.identify.fit.fit", not_reached)
     args, parts = LATE[what]
     before = sorted(bench.rglob("*"))
-    line = refused(["fit", "data", "--out", "out", *args], capsys)
+    line = refused("fit", "data", "--out", "out", *args)
     assert all(part in line for part in parts), line
     assert sorted(bench.rglob("*")) == before
 
@@ -150,11 +133,11 @@ def test_fit_takes_the_tests_beside_the_data(
 
 
 def test_diagnose_compares_the_units_before_it_diagnoses(
-    bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    bench: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
 ) -> None:
     """Recordings to predict in other units."""
     monkeypatch.setattr("mrwarp.diagnose.pipeline.diagnose", not_reached)
-    line = refused(["diagnose", str(bench / "data"), "--predict", str(bench / "feet")], capsys)
+    line = refused("diagnose", str(bench / "data"), "--predict", str(bench / "feet"))
     assert "convert one of them" in line
 
 
@@ -169,23 +152,23 @@ def test_diagnose_compares_the_units_before_it_diagnoses(
     ],
 )
 def test_train_refuses_before_it_builds_robots(
-    args: list[str], message: str, bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    args: list[str], message: str, bench: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
 ) -> None:
     """Output folder and the file to begin with are looked at first."""
     monkeypatch.chdir(bench)
     monkeypatch.setattr("mrwarp.rl.trainer.WalkEnv", not_reached)
     (bench / "bad.onnx").write_text("this is no policy")
     before = sorted(bench.rglob("*"))
-    assert message in refused(["train", "--num-envs", "2", "--out", "out", *args], capsys)
+    assert message in refused("train", "--num-envs", "2", "--out", "out", *args)
     assert sorted(bench.rglob("*")) == before
 
 
 def test_figure_4_tries_its_folder_before_the_bench(
-    bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    bench: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
 ) -> None:
     """``reproduce fig4 --train`` with a file as output."""
     monkeypatch.setattr("paper.reproduce.fig4.run_bench", not_reached)
-    line = refused(["reproduce", "fig4", "--train", "--out", str(bench / "few.csv")], capsys)
+    line = refused("reproduce", "fig4", "--train", "--out", str(bench / "few.csv"))
     assert "few.csv: cannot be written" in line
 
 
@@ -281,13 +264,13 @@ def test_a_number_out_of_range(
     command: str,
     args: list[str],
     message: str,
-    capsys: pytest.CaptureFixture[str],
+    refused: Refused,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Refused when the arguments are read, with the option's name."""
     monkeypatch.chdir(tmp_path)
-    line = refused([command, *args], capsys)
+    line = refused(command, *args)
     assert has_parts(line, message) and "argument --" in line
     assert not list(tmp_path.iterdir())
 
@@ -295,9 +278,9 @@ def test_a_number_out_of_range(
 @pytest.mark.parametrize(
     "args", [["impact", "--trials", "1", "--coupling", "constraint"], ["play", "--agent", "zero", "--num-envs", "1"]]
 )
-def test_more_current_than_the_coils_take(args: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_more_current_than_the_coils_take(args: list[str], tmp_path: Path, refused: Refused) -> None:
     """The asset's devices are limited to 1.5 A: what is asked for above that is refused, not cut down silently."""
-    line = refused([*args, "--out", str(tmp_path / "out"), "--current", "1.6"], capsys)
+    line = refused(*args, "--out", str(tmp_path / "out"), "--current", "1.6")
     assert "--current 1.6" in line and "takes 0 to 1.5 A" in line
     assert not (tmp_path / "out").exists()
 
@@ -439,22 +422,22 @@ def test_a_refusal_says_what_is_wrong_and_what_to_do(
     made: dict[str, Path | str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Refused,
 ) -> None:
     """Files that are not there or something else, and names and values that are none."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "list.json").write_text("[1, 2]")
     names = {**made, "tmp": tmp_path}
-    line = refused([word.format(**names) for word in command.split()], capsys)
+    line = refused(*(word.format(**names) for word in command.split()))
     assert has_parts(line, message.format(**names).removeprefix(f"{tmp_path}/"))
     assert "Errno" not in line
     assert [path.name for path in tmp_path.iterdir()] == ["list.json"]
 
 
 @pytest.mark.parametrize("command", list(cli.COMMANDS))
-def test_a_flag_that_is_none(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_flag_that_is_none(command: str, tmp_path: Path, refused: Refused) -> None:
     """Every command names it in one line and says where the options stand."""
-    line = refused([command, "--nonsense"], capsys)
+    line = refused(command, "--nonsense")
     assert line.startswith(f"mrwarp {command}") and line.endswith(" --help\n") and "; see" in line
 
 
@@ -512,9 +495,9 @@ def test_negative_numbers_are_values(number: str) -> None:
         (["play", "--agent", "zero", "--current"], ("--current", "at least one value")),
     ],
 )
-def test_what_cannot_be_read(argv: list[str], parts: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_read(argv: list[str], parts: tuple[str, ...], refused: Refused) -> None:
     """Option, value and what is allowed."""
-    line = refused(argv, capsys)
+    line = refused(*argv)
     assert all(part in line for part in parts) and line.endswith("; see --help\n")
 
 

@@ -17,6 +17,7 @@ from mrwarp.trials.mission import heat_of_devices
 from mrwarp.trials.power_meter import coil_loss
 from mrwarp.usd.asset import load_robot, with_model
 from mrwarp.usd.open_stage import ASSETS
+from tests.messages import Refused
 from tests.models import LOOP, model_of
 
 STATED = {
@@ -48,12 +49,11 @@ def test_a_file_keeps_what_was_stated(tmp_path: Path) -> None:
         ("1.2", "device_mass = 1.2; allowed: an object"),
     ],
 )
-def test_a_mass_that_makes_no_sense(entry: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mass_that_makes_no_sense(entry: str, said: str, tmp_path: Path, refused: Refused) -> None:
     """Refused by its place, before an engine is loaded."""
     path = save_model(brake(), tmp_path / "model.json")
     path.write_text(path.read_text().replace('"effects"', f'"device_mass": {entry}, "effects"'))
-    assert main(["impact", "--model", str(path)]) == 2
-    assert said in capsys.readouterr().err
+    assert said in refused("impact", "--model", path)
 
 
 def test_a_robot_carries_it(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.run_dir import write_result
 from mrwarp.sysid.verdict import Suspect, Value
 from tests.diagnose import made_up
+from tests.messages import Refused
 
 
 @pytest.fixture
@@ -73,7 +74,9 @@ def test_everything_is_written(data: Path, tmp_path: Path, computed, capsys: pyt
     assert "fitting" in text and "s]" in text
 
 
-def test_each_command_has_its_own_options(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_each_command_has_its_own_options(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture, refused: Refused
+) -> None:
     """The help of neither names the other's, the alias says which are whose, and each refuses the other's data."""
     joint, robot = (set(option_types(DIAGNOSE[(kind,)].load())) for kind in ("joint", "robot"))
     said = (Diagnose.__doc__ or "").partition("takes ")[2].partition("Only a robot's log")
@@ -88,8 +91,7 @@ def test_each_command_has_its_own_options(data: Path, tmp_path: Path, capsys: py
     log.mkdir()
     (log / "log.json").write_text("{}")
     for kind, path, other in (("joint", log, "robot"), ("robot", data, "joint")):
-        assert main(["diagnose", kind, str(path), "--out", str(tmp_path / "out")]) == 2
-        error = capsys.readouterr().err
+        error = refused("diagnose", kind, path, "--out", tmp_path / "out")
         assert error.startswith(f"mrwarp diagnose {kind}: {path}: ") and f"'mrwarp diagnose {other}'" in error
     assert not (tmp_path / "out").exists()
 
@@ -106,7 +108,7 @@ def test_data_may_be_called_as_a_command_is(
     assert json.loads(Path("out/result.json").read_text())["command"] == "mrwarp diagnose joint joint --out out"
 
 
-def test_the_alias_refuses_options_of_the_other_kind(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_the_alias_refuses_options_of_the_other_kind(data: Path, tmp_path: Path, refused: Refused) -> None:
     """One line with option, data and remedy; nothing is written."""
     log = tmp_path / "log"
     log.mkdir()
@@ -119,8 +121,7 @@ def test_the_alias_refuses_options_of_the_other_kind(data: Path, tmp_path: Path,
         (data, robots, f": {data} is the recording of a joint, no robot's log; leave it out"),
     ):
         for words in options:
-            assert main(["diagnose", str(path), *words, *out]) == 2
-            assert capsys.readouterr().err == f"mrwarp diagnose: {words[0]}{said}\n"
+            assert refused("diagnose", path, *words, *out) == f"mrwarp diagnose: {words[0]}{said}\n"
     assert not (tmp_path / "out").exists()
 
 

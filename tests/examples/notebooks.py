@@ -4,8 +4,6 @@
 and a dozen more packages; these notebooks hold plain Python, and pictures of matplotlib.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import io

@@ -1,7 +1,5 @@
 """A fit reaches its optimum at any sizes: micrometres or radians, millinewtons or kilonewtons."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

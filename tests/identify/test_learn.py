@@ -16,6 +16,7 @@ from mrwarp.nn.network_file import SamplingRateError
 from mrwarp.nn.training import FitCfg
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording, RecordingError, Trajectory, load_recording, save_recording
+from tests.messages import Refused
 
 PAPER = learn.bench_parameters(None)
 QUICK = FitCfg(epochs=3, windows_per_epoch=1500, batch=64, average=0.9)
@@ -149,11 +150,10 @@ def test_residual_on_another_physical_model() -> None:
         learn.predict(learned.model, evaluation)
 
 
-def test_a_turned_torque_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_turned_torque_is_refused(tmp_path: Path, refused: Refused) -> None:
     """As ``mrwarp fit`` refuses it: one line that says what to check, and nothing written."""
     runs = make_recording(4, seed=2).trajectories
     save_recording(Recording(trajectories=tuple(replace(r, torque=-r.torque) for r in runs)), tmp_path / "data")
-    assert main(["learn", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "drives the motion" in error and "turn a sign" in error
+    error = refused("learn", tmp_path / "data", "--out", tmp_path / "out")
+    assert "drives the motion" in error and "turn a sign" in error
     assert not (tmp_path / "out").exists()

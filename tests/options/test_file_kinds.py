@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mrwarp.cli import main
 from mrwarp.options.file_kinds import kind_of
+from tests.messages import Refused
 
 RESULT = {"schema": 1, "conditions": [], "seed": 0, "versions": {"python": "3.11"}, "command": "mrwarp walk --trials 1"}
 FILES = {
@@ -43,49 +43,41 @@ def put(folder: Path, name: str) -> Path:
     ],
 )
 def test_json_in_the_place_of_a_model(
-    command: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
 ) -> None:
     """It is named, with what belongs there; nothing is written."""
     monkeypatch.chdir(tmp_path)
     put(tmp_path, name)
     (tmp_path / "a.usda").write_text("#usda 1.0\n", encoding="utf-8")
-    assert main([*command.split(), name]) == 2
-    line = capsys.readouterr().err
+    line = refused(*command.split(), name)
     assert f"{name}: is {FILES[name][1]}, not a model.json; give the model.json that" in line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.usda", name]
 
 
-def test_a_first_answer_is_named_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_first_answer_is_named_as_one(tmp_path: Path, refused: Refused) -> None:
     """A diagnosis that was stopped has a result, but no model: as the file and as the folder."""
     early = {**RESULT, "command": "mrwarp diagnose a --out o", "verdict": None, "final": False}
     (tmp_path / "result.json").write_text(json.dumps(early), encoding="utf-8")
-    assert main(["impact", "--model", str(tmp_path / "result.json")]) == 2
-    assert "is the result.json of 'mrwarp diagnose', which is not final" in capsys.readouterr().err
-    assert main(["impact", "--model", str(tmp_path)]) == 2
-    assert "no model.json; result.json in it is not final" in capsys.readouterr().err
+    line = refused("impact", "--model", tmp_path / "result.json")
+    assert "is the result.json of 'mrwarp diagnose', which is not final" in line
+    assert "no model.json; result.json in it is not final" in refused("impact", "--model", tmp_path)
     (tmp_path / "result.json").write_text(json.dumps({**early, "final": True}), encoding="utf-8")
-    assert main(["impact", "--model", str(tmp_path)]) == 2
-    assert "not final" not in capsys.readouterr().err
+    assert "not final" not in refused("impact", "--model", tmp_path)
 
 
 @pytest.mark.parametrize("option", ["--policy", "--numbers", "--model"])
-def test_the_model_beside_is_proposed_for_a_model_alone(
-    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_model_beside_is_proposed_for_a_model_alone(option: str, tmp_path: Path, refused: Refused) -> None:
     """A result of ``fit`` has a model.json next to it."""
     path = put(tmp_path, "result.json")
     (tmp_path / "model.json").write_text("{}", encoding="utf-8")
-    assert main(["walk", option, str(path)]) == 2
-    assert (f"did you mean {tmp_path / 'model.json'}?" in capsys.readouterr().err) == (option == "--model")
+    assert (f"did you mean {tmp_path / 'model.json'}?" in refused("walk", option, path)) == (option == "--model")
 
 
-def test_a_folder_in_the_place_of_a_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_in_the_place_of_a_model(tmp_path: Path, refused: Refused) -> None:
     """The model in it is proposed, where there is one."""
-    assert main(["impact", "--model", str(tmp_path)]) == 2
-    assert f"{tmp_path}: is a folder, no model.json; give the model.json" in capsys.readouterr().err
+    assert f"{tmp_path}: is a folder, no model.json; give the model.json" in refused("impact", "--model", tmp_path)
     (tmp_path / "model.json").touch()
-    assert main(["impact", "--model", str(tmp_path)]) == 2
-    assert f"did you mean {tmp_path / 'model.json'}?" in capsys.readouterr().err
+    assert f"did you mean {tmp_path / 'model.json'}?" in refused("impact", "--model", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -105,15 +97,14 @@ def test_other_options(
     text: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Refused,
 ) -> None:
     """Policies, checkpoints, networks, robots and USD files too."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.usda").write_text("#usda 1.0\n", encoding="utf-8")
     path = tmp_path / "file"
     path.write_bytes(content)
-    assert main([*option.split(), str(path)]) == 2
-    assert text in capsys.readouterr().err
+    assert text in refused(*option.split(), path)
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b'{"a": 1}', b"\xff\xfe", b"q,qd\n0,0\n"])

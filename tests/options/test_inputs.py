@@ -7,9 +7,9 @@ from typing import get_args
 
 import pytest
 
-from mrwarp.cli import main
 from mrwarp.options.command_line import INPUTS, OUTPUTS, option_types
 from mrwarp.options.command_table import all_commands
+from tests.messages import Refused
 
 COMMANDS = [(name, entry) for name, own in all_commands() for entry in (own, *own.variants.values())]
 
@@ -67,14 +67,11 @@ def test_every_command_that_reads_is_tried() -> None:
 
 
 @pytest.mark.parametrize("command", MISSPELT)
-def test_a_misspelt_path(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_misspelt_path(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused) -> None:
     """One line with the path, exit code 2, nothing written."""
     monkeypatch.chdir(tmp_path)
-    assert main([*command.split(), *MISSPELT[command].split()]) == 2
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1 and "none" in line and ("no such" in line), line
+    line = refused(*command.split(), *MISSPELT[command].split())
+    assert "none" in line and "no such" in line, line
     assert not list(tmp_path.iterdir())
 
 

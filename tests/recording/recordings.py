@@ -1,7 +1,5 @@
 """Recordings as any logger writes them, for tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

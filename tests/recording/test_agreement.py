@@ -1,7 +1,5 @@
 """Angle against velocity against time: units, factors and wraps are found, and each remedy that is named works."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

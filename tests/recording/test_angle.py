@@ -1,7 +1,5 @@
 """Angles that wrap and angles that only a speed gives."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

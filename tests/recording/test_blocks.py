@@ -1,7 +1,5 @@
 """Few long runs as blocks: cut where little is unknown, without a sample in two of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recordings: what is read is what was written."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Time stamps as loggers write them: what is put on an even grid, what is split, what is left out by name."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

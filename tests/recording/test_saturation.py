@@ -1,7 +1,5 @@
 """A torque sensor at the end of its range costs its samples, not the recording."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

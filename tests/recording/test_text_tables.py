@@ -1,7 +1,5 @@
 """Files as people have them: other separators, headers, slower channels, MATLAB, numpy and spreadsheets."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -16,6 +14,7 @@ from mrwarp.recording.load import RecordingError, load_recording
 from mrwarp.recording.records import records_of
 from mrwarp.recording.tables import KINDS
 from mrwarp.recording.text_tables import read_head
+from tests.messages import Refused
 from tests.recording.recordings import columns
 
 NAMES = "t,q,qd,current,torque"
@@ -98,7 +97,9 @@ def test_the_line_that_names_the_columns_can_be_copied(tmp_path: Path, names: st
     np.testing.assert_allclose(load_recording(path).trajectories[0].torque, columns()["torque"], rtol=1e-8, atol=1e-9)
 
 
-def test_a_map_stands_in_place_of_units_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_map_stands_in_place_of_units_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Refused
+) -> None:
     """``--map`` names columns and units; one that is not there is refused."""
     (tmp_path / "a.csv").write_text("zeit,phi,w,x,m\n" + _rows())
     names = {"t": "zeit", "q": "phi", "qd": "w", "current": "x", "torque": "m"}
@@ -106,8 +107,8 @@ def test_a_map_stands_in_place_of_units_json(tmp_path: Path, capsys: pytest.Capt
     assert cli.main(["check", str(tmp_path / "a.csv"), "--map", str(tmp_path / "own.json")]) == 0
     assert "torque        -0.009963 to 0.009963" in capsys.readouterr().out
     (tmp_path / "own.json").write_text(json.dumps({"columns": {**names, "torque": "n"}}))
-    assert cli.main(["check", str(tmp_path / "a.csv"), "--map", str(tmp_path / "own.json")]) == 2
-    assert "column 'n', declared as 'torque', is missing" in capsys.readouterr().err
+    said = refused("check", tmp_path / "a.csv", "--map", tmp_path / "own.json")
+    assert "column 'n', declared as 'torque', is missing" in said
 
 
 @pytest.mark.parametrize(("name", "every"), [("torque", 4), ("current", 5), ("q", 2), ("qd", 3)])

@@ -23,6 +23,7 @@ from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.robot import STAND_HEIGHT
 from mrwarp.viewing.shapes import Part, feet, robot_shapes
+from tests.messages import Refused
 
 SIX = tuple((x, y) for x in (0.3, 0.0, -0.3) for y in (0.1, -0.1))
 
@@ -222,15 +223,14 @@ BAD = {
 def test_bad_robots_are_refused_in_one_line(
     robot,  # noqa: ANN001
     what: str,
-    capsys: pytest.CaptureFixture[str],
+    refused: Refused,
 ) -> None:
     """Exit code 2, one line that says where and what to write, nothing written."""
     choices, options, parts = BAD[what]
     file = robot(**choices)
     out = file.with_suffix(".usda")
-    assert main(["robot", "import", str(file), "--out", str(out), *options]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and all(part in error for part in parts), error
+    error = refused("robot", "import", file, "--out", out, *options)
+    assert all(part in error for part in parts), error
     assert sorted(file.parent.iterdir()) == [file]
 
 
@@ -310,12 +310,11 @@ def test_a_robot_that_does_not_fit_is_refused_at_once(
     arm: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Refused,
 ) -> None:
     """One line with both sides and a remedy; nothing is made."""
     monkeypatch.chdir(tmp_path)
     words = line.format(three=three, arm=arm, policy=DEFAULT_POLICY, png="w.png").split()
-    assert main(words) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and all(part in error for part in parts), error
+    error = refused(*words)
+    assert all(part in error for part in parts), error
     assert not list(tmp_path.iterdir())

@@ -1,7 +1,5 @@
 """Robots as users have them: sprawling, on wheels, with toes, a spine, a tail; understood, or refused by name."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence

@@ -15,6 +15,7 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.runners import Status, read_status
+from tests.messages import Refused
 
 SIX = ["--command", "train", "--grid", "seed=0,1,2", "actuator=none,bouc_wen", "--workers", "3"]
 
@@ -95,14 +96,12 @@ def test_failures_cost_only_themselves_and_are_run_again(tmp_path: Path, capsys:
 
 
 @pytest.mark.usefixtures("fake")
-def test_another_sweep_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_sweep_is_not_overwritten(tmp_path: Path, refused: Refused) -> None:
     """Other fixed arguments in the same folder are refused, by the folder's name and what it holds."""
     args = ["--out", str(tmp_path), "--command", "train", "--grid", "seed=0"]
     assert main(["sweep", *args, "--", "--num-envs", "8"]) == 0
     before = (tmp_path / "result.json").read_bytes()
-    assert main(["sweep", *args, "--", "--num-envs", "16"]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("mrwarp sweep: ") and error.count("\n") == 1
+    error = refused("sweep", *args, "--", "--num-envs", "16")
     assert str(tmp_path / "seed=0") in error and "--num-envs 8" in error and "name another --out" in error
     assert (tmp_path / "result.json").read_bytes() == before
 

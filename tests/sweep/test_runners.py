@@ -20,18 +20,6 @@ def make_trial(out: Path, seed: int = 0) -> Trial:
 
 
 @pytest.mark.usefixtures("fake")
-def test_a_killed_trial_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
-    """SIGKILL at step 10: the second start begins there, not at 0."""
-    trial = make_trial(tmp_path, 92)
-    run_trial(trial, tmp_path / "running", 2, {})
-    log = (trial.folder / "log.txt").read_text()
-    assert "starts at step 0" in log and "starts at step 10" in log
-    assert log.count("$ mrwarp train") == 2 and log.count("--resume") == 1
-    status = read_status(trial)
-    assert (status.state, status.attempts, status.pid) == ("done", 2, None) and status.wall_seconds > 0.0
-
-
-@pytest.mark.usefixtures("fake")
 @pytest.mark.parametrize(
     ("seed", "retries", "state", "attempts", "why"),
     [

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from pxr import Usd
 
-from mrwarp import cli
 from mrwarp.cli import main
 from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.config.sim_cfg import SimCfg
@@ -29,6 +28,7 @@ from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS
 from mrwarp.usd.record import RECORD
 from mrwarp.usd.robot import CALVES
+from tests.messages import Refused
 from tests.models import paper_model as model
 
 LAG = make_effect("coil_lag", {"time_constant": 0.03})
@@ -142,13 +142,11 @@ def test_damaged_record_loads_without_effects_and_says_so(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("command", ["impact", "train", "play"])
-def test_commands_refuse_a_bad_model_in_one_line(command: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_commands_refuse_a_bad_model_in_one_line(command: str, tmp_path: Path, refused: Refused) -> None:
     """An unknown parameter of an effect: one line with file, place and what is known, exit code 2."""
     path = save_model(model(LAG), tmp_path / "model.json")
     path.write_text(path.read_text().replace("time_constant", "lag"))
     argv = {"impact": [], "train": ["--num-envs", "2"], "play": ["--agent", "zero", "--num-envs", "1"]}[command]
-    assert cli.main([command, *argv, "--model", str(path), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
+    said = refused(command, *argv, "--model", path, "--out", tmp_path / "out")
     assert f"{path}: effects[0].parameters.lag: coil_lag has no such parameter; known: time_constant, hold" in said
-    assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()

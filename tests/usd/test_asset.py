@@ -326,16 +326,6 @@ def test_a_bad_robot_file_is_refused(tmp_path: Path, what: str) -> None:
     assert has_parts(message, said) and str(folder) in message and "\n" not in message, message
 
 
-def test_variants_that_a_robot_does_not_have_are_refused(tmp_path: Path) -> None:
-    """With those that it has; a file that is not there by its name."""
-    with pytest.raises(AssetError, match="nowhere.usda: no such file"):
-        load_robot(tmp_path / "nowhere.usda")
-    with pytest.raises(AssetError, match="robot = 'go2'.*go1, mr_go"):
-        load_robot(robot="go2")
-    with pytest.raises(AssetError, match="payload = '-1'.*0, 3"):
-        load_robot(payload=-1)
-
-
 def test_refusals_of_long_names_stay_readable(tmp_path):
     """A schema's name of 100,000 letters leaves place and remedy in the message."""
     long = tmp_path / "long.usda"

@@ -20,7 +20,7 @@ from mrwarp.usd.asset import load_bench, load_robot
 from mrwarp.usd.edit import edit_asset, find_prim
 from mrwarp.usd.open_stage import ASSETS, AssetError
 from mrwarp.usd.record import PREFIX, RECORD, read_model, record_difference, record_text
-from tests.messages import has_parts
+from tests.messages import Refused, has_parts
 
 SHIPPED = ASSETS / "mr_go.usda"
 REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -298,7 +298,7 @@ def test_damaged_record_is_refused(
     model: Model,
     damage: Callable[[dict], str],
     words: str,
-    capsys: pytest.CaptureFixture,
+    refused: Refused,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The robot still loads; show names prim, key, value and remedy in one short line."""
@@ -309,11 +309,10 @@ def test_damaged_record_is_refused(
     device.CreateAttribute(RECORD, Sdf.ValueTypeNames.String).Set(text)
     stage.Save()
     assert load_robot(robot).actuators[2].mr == MrParams()
-    assert main(["asset", "show", str(robot)]) == 2
-    said = capsys.readouterr().err
+    said = refused("asset", "show", robot)
     assert said.startswith(f"mrwarp asset show: {robot}: /mr_go/actuators/FL_calf: {RECORD}")
     assert has_parts(said, f"{words} .. mrwarp asset apply .. remove {RECORD}")
-    assert said.count("\n") == 1 and len(said) < 700 and "\x1b" not in said
+    assert len(said) < 700 and "\x1b" not in said
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", '{"model": {"schema": 7}}'])
@@ -359,15 +358,13 @@ def test_record_that_varies_with_time_is_refused(robot: Path) -> None:
         held(robot)
 
 
-def test_failed_apply_writes_nothing(robot: Path, model: Model, capsys: pytest.CaptureFixture) -> None:
+def test_failed_apply_writes_nothing(robot: Path, model: Model, refused: Refused) -> None:
     """A model of a device in other units, and one for a plain motor, are refused; the file stays as it was."""
     units = {"q": "m", "current": "A", "torque": "N"}
     parameters = {n: replace(p, unit=parameter_unit(n, units)) for n, p in model.parameters.items()}
     damper = save_model(replace(model, units=units, parameters=parameters), robot.with_name("damper.json"))
-    assert main(["asset", "apply", str(robot), str(damper)]) == 2
-    assert "converted by the lever of the device" in capsys.readouterr().err
+    assert "converted by the lever of the device" in refused("asset", "apply", robot, damper)
     joint = save_model(model, robot.with_name("joint.json"))
-    assert main(["asset", "apply", str(robot), str(joint), "--prim", "FL_hip"]) == 2
-    assert "plain motor" in capsys.readouterr().err
-    assert main(["asset", "set", str(robot), "FL_calf", RECORD, "{}"]) == 2
+    assert "plain motor" in refused("asset", "apply", robot, joint, "--prim", "FL_hip")
+    refused("asset", "set", robot, "FL_calf", RECORD, "{}")
     assert robot.read_bytes() == SHIPPED.read_bytes()

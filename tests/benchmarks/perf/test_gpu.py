@@ -1,7 +1,5 @@
 """The figures of a GPU, made on the CPU device: the same engine, graphs and kernels, a few robots."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """A control input in bar is called pressure wherever a reader meets it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

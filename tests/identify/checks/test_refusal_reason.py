@@ -1,7 +1,5 @@
 """A model that explains next to nothing: the refusal names what the torque follows instead."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
