@@ -58,14 +58,6 @@ def test_round_trip_keeps_every_bit(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
-def test_saving_replaces_the_old_file(tmp_path: Path) -> None:
-    """The second save wins, for any content of the first one."""
-    path = tmp_path / "checkpoint.pt"
-    checkpoint.save(path, {"value": 1})
-    checkpoint.save(path, {"value": 2})
-    assert checkpoint.load(path)["value"] == 2
-
-
 @pytest.mark.parametrize("moment", ["fsync", "replace", None])
 def test_a_failing_write_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str | None
@@ -89,20 +81,6 @@ def test_a_failing_write_leaves_the_old_file(
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
-def test_new_file_appears_only_when_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before the rename, the data has been written and synced to another name."""
-    path, seen = tmp_path / "checkpoint.pt", []
-    rename = os.replace
-
-    def spy(source: Path, target: Path) -> None:
-        seen.append((Path(source).name, Path(target).exists(), torch.load(source, weights_only=True)["value"]))
-        rename(source, target)
-
-    monkeypatch.setattr(os, "replace", spy)
-    checkpoint.save(path, {"value": 3})
-    assert seen == [("checkpoint.pt.part", False, 3)]
-
-
 @pytest.mark.filterwarnings("ignore:Detected pickle protocol")
 @pytest.mark.parametrize("kind", ["torch", "pickle", "inside"])
 def test_code_is_refused_and_not_executed(tmp_path: Path, kind: str) -> None:
@@ -119,22 +97,9 @@ def test_code_is_refused_and_not_executed(tmp_path: Path, kind: str) -> None:
         checkpoint.load(path)
     assert str(path) in str(info.value)
     assert not trap.exists()
-
-
-def test_the_bomb_would_go_off(tmp_path: Path) -> None:
-    """The payload of the test above is a working one: trusting torch.load runs it."""
-    path, trap = tmp_path / "checkpoint.pt", tmp_path / "trap"
-    torch.save({"x": Bomb(trap)}, path)
-    torch.load(path, weights_only=False)
-    assert trap.is_dir()
-
-
-def test_missing_file_is_refused_with_a_remedy(tmp_path: Path) -> None:
-    """No file, and a folder in its place: the message names it and what to give instead."""
-    for path in (tmp_path / "none.pt", tmp_path):
-        with pytest.raises(CheckpointError, match="no such checkpoint|is a folder, no checkpoint") as info:
-            checkpoint.load(path)
-        assert str(path) in str(info.value)
+    if kind == "torch":  # the payload is a working one
+        torch.load(path, weights_only=False)
+        assert trap.is_dir()
 
 
 def write_zip(path: Path) -> None:
@@ -225,14 +190,3 @@ def test_a_checkpoint_without_the_gpus_state_goes_on_with_a_note(gpu_states: dic
     assert list(state) == ["torch_rng"] and checkpoint.set_random_state(state, cpu) == ""
     assert "no random state of cuda:1" in checkpoint.set_random_state(state, GPU)
     assert torch.equal(gpu_states[GPU], before)
-
-
-def test_random_states_of_a_gpu(tmp_path: Path) -> None:
-    """The check on a real one."""
-    if not torch.cuda.is_available():
-        pytest.skip("torch finds no CUDA device")
-    device = torch.device("cuda:0")
-    checkpoint.save(tmp_path / "c.pt", checkpoint.random_state(device))
-    drawn = torch.rand(5, device=device)
-    checkpoint.set_random_state(checkpoint.load(tmp_path / "c.pt"), device)
-    assert torch.equal(torch.rand(5, device=device), drawn)

@@ -12,17 +12,17 @@ from rsl_rl.algorithms import PPO
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import TaskCfg
-from mrwarp.rl import checkpoint, ppo, trainer
-from mrwarp.rl import progress as curves
+from mrwarp.rl import checkpoint, ppo
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, PpoCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks, RanksPPO
 from mrwarp.rl.train_cfg import RunCfg, TrainCfg
 from mrwarp.rl.trainer import Trainer, TrainingError
 from mrwarp.runtime import silent
-from mrwarp.trials.walking import GateCheck, WalkingGate
 from tests.rl.test_trainer import assert_same_bits
 from tests.rl.together import together
+
+pytestmark = pytest.mark.usefixtures("short_gate")
 
 ENVS = 8
 """Environments of each process."""
@@ -32,14 +32,6 @@ STORED = ("actions", "rewards", "dones", "values", "actions_log_prob")
 TERMS = ENVS * 2 * STEPS_PER_UPDATE // 4 + 128
 """Terms of a gradient's longest sums: samples of a mini-batch of both processes, and units of the widest layer. In
 another order such a sum differs by up to as many machine epsilons."""
-
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gate checks of 0.2 s on 4 environments, and no picture."""
-    gate = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
-    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=gate))
-    monkeypatch.setattr(curves, "plot", lambda *_: None)
 
 
 def make_cfg(out: Path, iterations: int) -> TrainCfg:
@@ -200,21 +192,17 @@ def relative(found: torch.Tensor, expected: torch.Tensor) -> float:
     return float((found.double() - expected.double()).norm() / expected.double().norm())
 
 
-def test_gradient_of_two_processes_is_that_of_one(parts: list[dict[str, Any]]) -> None:
-    """First mini-batch: to the rounding of sums in another order."""
-    exact = alone(parts)["mean"][0]
-    assert torch.equal(parts[0]["mean"][0], parts[1]["mean"][0])
-    assert relative(parts[0]["mean"][0], exact) < TERMS * torch.finfo(torch.float64).eps
-    # what a rank would have learned from its own environments alone is far from that
-    assert all(relative(part["own"][0], exact) > 0.1 for part in parts)
-
-
 def test_update_of_two_processes_is_that_of_one(parts: list[dict[str, Any]]) -> None:
-    """All 20 mini-batches: weights, statistics of observations and learning rate as those of one process.
+    """The first mini-batch's gradient to the rounding of sums in another order; then weights, statistics and rate.
 
-    Only the learning rate is float32 on its way to all, once a mini-batch: steps differ by as many roundings.
+    Of all 20 mini-batches: only the learning rate is float32 on its way to all, once each, so steps differ by as much.
     """
     exact = alone(parts)
+    first = exact["mean"][0]
+    assert torch.equal(parts[0]["mean"][0], parts[1]["mean"][0])
+    assert relative(parts[0]["mean"][0], first) < TERMS * torch.finfo(torch.float64).eps
+    # what a rank would have learned from its own environments alone is far from that
+    assert all(relative(part["own"][0], first) > 0.1 for part in parts)
     rounding = len(exact["mean"]) * torch.finfo(torch.float32).eps
     for part in parts:
         moved = relative(part["start_parameters"], exact["parameters"])

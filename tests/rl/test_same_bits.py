@@ -2,7 +2,6 @@
 
 import ast
 import contextlib
-import math
 import os
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -70,9 +69,12 @@ def test_simulation_is_the_same_at_1_2_and_3_threads() -> None:
 
 
 def test_training_is_the_same_at_any_thread_counts(tmp_path: Path) -> None:
-    """64 robots, 2 updates: networks, optimiser, normalisers, draws, environment and log, bit by bit."""
+    """64 robots, 2 updates: all of its state and its log, bit by bit; another seed has other networks."""
     runs = [train(tmp_path / f"{a}-{b}", threads=a, torch_threads=b) for a, b in ((1, 1), (3, 2))]
     assert_same_bits(runs[1], runs[0])
+    other = train(tmp_path / "other", threads=3, torch_threads=1, seed=6)
+    weights = [run["algorithm"]["actor_state_dict"]["mlp.0.weight"] for run in (runs[0], other)]
+    assert not torch.equal(*weights)
 
 
 @pytest.mark.slow
@@ -85,34 +87,6 @@ def test_training_of_many_robots_is_the_same_in_any_process(tmp_path: Path, monk
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
             runs.append(process.submit(train, tmp_path / str(number), **settings).result())
     assert_same_bits(runs[1], runs[0])
-
-
-def test_torch_does_split_large_sums() -> None:
-    """Why the trainer keeps torch on one thread: means over 200,000 numbers have other bits on three, though near.
-
-    One mean may round to the same number by chance, 16 of them do not.
-    """
-    generator, before, found = torch.Generator().manual_seed(0), torch.get_num_threads(), []
-    numbers = [torch.randn(200_000, generator=generator) for _ in range(16)]
-    try:
-        for threads in (1, 3):
-            torch.set_num_threads(threads)
-            found.append(torch.stack([row.mean() for row in numbers]))
-    finally:
-        torch.set_num_threads(before)
-    assert not torch.equal(found[0], found[1])
-    # a number passes through at most as many roundings as a sum in pairs has levels, of a partial sum below sum |x|
-    levels = 2.0 * math.log2(numbers[0].numel()) * torch.finfo(torch.float32).eps
-    torch.testing.assert_close(found[0], found[1], rtol=0.0, atol=levels * float(numbers[0].abs().mean()))
-
-
-def test_deterministic_changes_no_bit_on_the_cpu() -> None:
-    """MuJoCo-Warp's CPU kernels run in order: the option is accepted, set, and gives the bits of a run without it."""
-    first, second = (
-        simulate(threads=1, num_envs=4, steps=6, backend=BackendKind.MJWARP, deterministic=wanted)
-        for wanted in (False, True)
-    )
-    assert_same_bits(second, first)
 
 
 def test_deterministic_reaches_the_engine_that_has_it() -> None:

@@ -1,6 +1,5 @@
 """Networks stay symmetric through training, without a step that differs from that of the symmetrised loss."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,25 +115,6 @@ def test_an_asymmetric_policy_is_not_averaged(tmp_path: Path, capsys: pytest.Cap
     Trainer(TrainCfg(task=TaskCfg(num_envs=8), run=RunCfg(out=tmp_path / "first", iterations=1))).run()
     second = Trainer(cfg, start_from=tmp_path / "first" / "checkpoint.pt")
     assert second.algorithm.symmetric_of(second.algorithm.actor) is not None
-
-
-@pytest.mark.usefixtures("short_gate")
-def test_a_symmetric_training_goes_on_to_the_bit(tmp_path: Path) -> None:
-    """Four updates at once, and two and two from the checkpoint, give the same policy."""
-    cfg = TrainCfg(task=TaskCfg(num_envs=8), run=RunCfg(out=tmp_path / "whole", iterations=4))
-    Trainer(cfg).run()
-    first = Trainer(replace(cfg, run=RunCfg(out=tmp_path / "parts", iterations=2)))
-    first.run()
-    again = replace(cfg, run=RunCfg(out=tmp_path / "parts", iterations=4))
-    second = Trainer(again, resume=tmp_path / "parts" / "checkpoint.pt")
-    second.run()
-    for own, other in zip(second.algorithm.actor.parameters(), _actor(cfg).parameters(), strict=True):
-        assert torch.equal(own, other)
-
-
-def _actor(cfg: TrainCfg) -> MLPModel:
-    """The actor of a finished training."""
-    return Trainer(cfg, resume=cfg.run.out / "checkpoint.pt").algorithm.actor
 
 
 def _plain(inputs: int, outputs_: int, hidden: int = 8) -> MLPModel:

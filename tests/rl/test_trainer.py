@@ -111,20 +111,6 @@ def test_resume_on_a_gpu(tmp_path: Path) -> None:
     assert resumed.iteration == 4 and math.isfinite(result["training"]["reward"])
 
 
-def test_training_repeats_with_its_seed(tmp_path: Path) -> None:
-    """Same seed, same bits; another seed, other networks."""
-    states = []
-    for seed in (3, 3, 4):
-        run = Trainer(make_cfg(tmp_path, 1, seed=seed))
-        run.update()
-        run.save()
-        states.append(content(run))
-    for name in ("algorithm", "env", "torch_rng"):
-        assert_same_bits(states[1][name], states[0][name], name)
-    networks = [state["algorithm"]["actor_state_dict"] for state in states]
-    assert not torch.equal(networks[2]["mlp.0.weight"], networks[0]["mlp.0.weight"])
-
-
 def test_training_changes_the_policy_and_stays_finite(tmp_path: Path) -> None:
     """An update moves actor, critic and observation statistics; all parameters and figures are finite."""
     run = Trainer(make_cfg(tmp_path, 2))

@@ -18,6 +18,7 @@ from mrwarp.rl.ppo_cfg import PpoCfg
 from mrwarp.rl.train_cfg import RunCfg, TrainCfg
 from mrwarp.rl.trainer import Trainer
 from mrwarp.rl.warm_start import CRITIC_FIRST, NOISE, critic_learns_alone
+from tests.messages import Refused
 
 pytestmark = pytest.mark.usefixtures("short_gate")
 
@@ -142,17 +143,12 @@ def test_new_networks_learn_together() -> None:
     assert not critic_learns_alone(whole, 0) and not critic_learns_alone(None, 0)
 
 
-def test_the_command_refuses_a_policy_without_its_record(
-    flat: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A policy that does not record its training task, and a file that is none: exit code 2 and one line."""
-    run = Trainer(make_cfg(tmp_path / "run"))
-    export_onnx(run.algorithm.get_policy(), tmp_path / "bare.onnx", {"task": {}})
-    for name, message in {"bare.onnx": "lacks 'seed'", "none.onnx": "no such file or folder"}.items():
-        path = tmp_path / name
-        assert main(["train", "--num-envs", "4", "--out", str(tmp_path / "out"), "--start-from", str(path)]) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1 and error.startswith(f"mrwarp train: {path}: ") and message in error
+def test_the_command_refuses_a_policy_without_its_record(tmp_path: Path, refused: Refused) -> None:
+    """A policy that does not record its training task: exit code 2 and one line."""
+    run, path = Trainer(make_cfg(tmp_path / "run")), tmp_path / "bare.onnx"
+    export_onnx(run.algorithm.get_policy(), path, {"task": {}})
+    error = refused("train", "--num-envs", "4", "--out", tmp_path / "out", "--start-from", path)
+    assert error.startswith(f"mrwarp train: {path}: ") and "lacks 'seed'" in error
     assert not (tmp_path / "out").exists()
 
 
@@ -177,14 +173,11 @@ def test_a_checkpoint_that_does_not_fit_is_refused(what: str, flat: Path, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_refuses_networks_of_another_robot(
-    flat: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_refuses_networks_of_another_robot(flat: Path, tmp_path: Path, refused: Refused) -> None:
     """Go1 has no devices, so its critic sees less: exit code 2 and one line with both shapes."""
     args = ["--num-envs", "4", "--robot", "go1", "--actuator", "none", "--sal", "off", "--out", str(tmp_path / "out")]
-    assert main(["train", *args, "--start-from", str(flat)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "critic has mlp.0.weight of shape (128, " in error
+    error = refused("train", *args, "--start-from", flat)
+    assert "critic has mlp.0.weight of shape (128, " in error
     assert "trained on mr_go with bouc_wen" in error and not (tmp_path / "out").exists()
 
 

@@ -1,7 +1,5 @@
 """Run a function in several processes that form one training, as ``torchrun`` does, but forked: seconds less."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import socket
