@@ -10,6 +10,7 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.env import nan_dump
 from mrwarp.env.nan_dump import Column, Divergence, DumpError
+from tests.messages import Refused
 
 COLUMNS = (
     Column(quantity="time", part="", unit="s"),
@@ -85,13 +86,11 @@ def test_random_damage_is_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("args", [["{tmp}/none"], ["{text}"], ["{good}", "--png", "{tmp}/a.jpg"], ["{tmp}"]])
-def test_bad_input_is_refused_in_one_line(tmp_path: Path, args: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_refused_in_one_line(tmp_path: Path, args: list[str], refused: Refused) -> None:
     """Exit code 2, one line that names the file; nothing written."""
     text, good = tmp_path / "text", tmp_path / "good.safetensors"
     text.write_text("no dump")
     nan_dump.save(make_divergence(), good, {})
     before = sorted(tmp_path.iterdir())
-    assert main(["replay-dump", *(arg.format(tmp=tmp_path, text=text, good=good) for arg in args)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("mrwarp replay-dump: ") and error.count("\n") == 1 and str(tmp_path) in error
+    assert str(tmp_path) in refused("replay-dump", *(arg.format(tmp=tmp_path, text=text, good=good) for arg in args))
     assert sorted(tmp_path.iterdir()) == before

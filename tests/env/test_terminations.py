@@ -93,15 +93,6 @@ def test_timed_out_at_the_episodes_length() -> None:
     assert fallen == diverged == [False] * 4
 
 
-def test_a_fall_is_no_time_out() -> None:
-    """Where both come in the same step, the episode is not bootstrapped."""
-    state = make_state()
-    state.episode_length_buf[:] = 9
-    state.root_pos[1, 2] = 0.0
-    fallen, _, time_out, done = step(state)
-    assert fallen == [False, True, False, False] and time_out == [True, False, True, True] and done == [True] * 4
-
-
 def test_a_wrong_number_is_a_fall_without_reward() -> None:
     """The others keep theirs."""
     state = make_state()

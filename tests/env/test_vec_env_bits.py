@@ -76,20 +76,6 @@ def test_masked_reset_leaves_the_brake_torque_of_others() -> None:
     assert torch.equal(env.view(env.sim.friction)[1:], before[1:])
 
 
-def test_a_step_with_resets_leaves_other_environments_bit_equal() -> None:
-    """Bits through step itself, without draws: two robots fall over, six go on as if nothing had happened."""
-    changes = {"noise": None, "randomize": None}
-    changes["commands"] = replace(make_cfg().commands, period=float("inf"))
-    env, twin = WalkEnv(make_cfg(8, seed=6, **changes)), WalkEnv(make_cfg(8, seed=6, **changes))
-    mask = torch.tensor([False, False, True, False, False, False, False, True])
-    actions = random_actions(30, 8)
-    for step, action in enumerate(actions):
-        env.view(env.sim.backend.field("qpos"))[mask, 2] += -0.3 * (step == 10)
-        first, second = env.step(action), twin.step(action)
-        assert torch.equal(first[2], mask & (step == 10)) and not bool(second[2].any())
-        assert_same_step(first, second, rows=~mask)
-
-
 @pytest.mark.gpu
 def test_state_goes_on_on_a_gpu() -> None:
     """Another object on the GPU that loads the state holds the same bits, and goes on identically for five steps.
@@ -165,26 +151,6 @@ def test_load_state_restores_the_last_observations() -> None:
         assert torch.equal(env.last_observations[group], obs[group])
 
 
-def test_same_seed_same_bits_at_any_thread_count() -> None:
-    """Two objects, and one and two threads, give the same bits over 25 steps with resets; another seed does not."""
-    runs: list[list[tuple]] = []
-    actions = random_actions(25, 6, scale=1.0)
-    envs = [
-        WalkEnv(make_cfg(6, seed=seed, threads=threads, episode_seconds=0.3))
-        for seed, threads in ((0, 1), (0, 1), (0, 2), (1, 1))
-    ]
-    runs = [[env.step(action) for action in actions] for env in envs]
-    for reference, same_threads, two_threads in zip(*runs[:3], strict=True):
-        assert_same_step(reference, same_threads)
-        assert_same_step(reference, two_threads)
-    assert_same_state(envs[0], envs[1])
-    assert_same_state(envs[0], envs[2])
-    assert not torch.equal(runs[0][0][0]["critic"], runs[3][0][0]["critic"])
-    assert not torch.equal(runs[0][-1][1], runs[3][-1][1])
-    for name in ("q", "command", "phase", "privileged"):
-        assert not torch.equal(getattr(envs[0], name), getattr(envs[3], name)), name
-
-
 def test_environment_draws_nothing_from_the_global_generator() -> None:
     """Exploration noise comes from torch's global generator; the environment has its own and leaves that alone."""
     env = WalkEnv(make_cfg(4, episode_seconds=0.1))
@@ -224,23 +190,6 @@ def test_copy_envs_makes_bit_equal_copies() -> None:
         assert torch.equal(obs["critic"], expected["critic"][source])
         assert torch.equal(reward, expected_reward[source])
         assert not bool(done.any()) and not bool(expected_done.any())
-
-
-def test_captured_graphs_give_the_bits_of_eager_launches() -> None:
-    """Around ``mjbatch`` and after the torque steps: the same observations, rewards and state, resets included."""
-    found = []
-    for wanted in (True, False):
-        cfg = make_cfg(6, seed=3)
-        env = WalkEnv(replace(cfg, capture=wanted, episode_seconds=0.2))
-        rows, ended = [], 0
-        for actions in random_actions(25, 6):
-            obs, reward, done, _ = env.step(actions)
-            rows.append(torch.cat([obs["actor"], obs["critic"], reward[:, None]], dim=1))
-            ended += int(done.sum())
-        assert ended >= 6
-        found.append((torch.stack(rows), env.state()))
-    assert torch.equal(found[0][0], found[1][0])
-    assert all(torch.equal(value, found[1][1][name]) for name, value in found[0][1].items())
 
 
 @pytest.mark.gpu

@@ -1,7 +1,5 @@
 """A log's information on every number: many robots at once leave what each of them leaves alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Logs of the virtual robot: what they hold, what was hidden, refusals."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Robot logs are read with their units, and bad ones refused with place, value and remedy."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Changes that are tried one by one: the best of many go on."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

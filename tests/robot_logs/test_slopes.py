@@ -1,7 +1,5 @@
 """Derivatives of replays: limbs that do not move each other share robots, and forms are of what moves a reading."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -24,6 +24,7 @@ from mrwarp.trials import energy_report, own_robot
 from mrwarp.trials.walking import device_notes, devices_of, foreign_device, largest_difference, limit_note, task_devices
 from mrwarp.usd.asset import most_current
 from mrwarp.usd.robot import CURRENT_GROUPS
+from tests.messages import Refused
 from tests.models import LOOP, model_of, paper_model
 
 
@@ -89,7 +90,7 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
 
 
 def test_currents_end_at_what_the_device_takes(
-    small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Refused
 ) -> None:
     """By default shares of it, a robot with each, with a note; a current that was typed is refused."""
     line = ["play", "--agent", "zero", "--model", str(small_brake), "--seconds", "1", "--out", str(tmp_path / "out")]
@@ -98,8 +99,7 @@ def test_currents_end_at_what_the_device_takes(
     assert "shares of the devices' 1 A: 0, 0.3333, 0.6667, 1 A" in shown and "4 of 4 robots" in shown
     currents = json.loads((tmp_path / "out" / "result.json").read_text())["currents"]
     assert currents == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
-    assert main([*line, "--current", "0", "1.2"]) == 2
-    assert "--current 1.2: FL_calf takes 0 to 1 A" in capsys.readouterr().err
+    assert "--current 1.2: FL_calf takes 0 to 1 A" in refused(*line, "--current", "0", "1.2")
 
 
 def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -180,7 +180,7 @@ def trained_with(task: dict[str, Any], path: Path) -> Path:
 
 
 def test_a_policy_brings_the_device_of_its_training(
-    small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Refused
 ) -> None:
     """Played and walked with it, also where its file is gone; an option or another robot's file goes first."""
     model = load_model(small_brake)
@@ -194,5 +194,5 @@ def test_a_policy_brings_the_device_of_its_training(
     assert Walk(policy=policy, model="paper").env_cfg().model == "paper"
     assert Walk(policy=policy, asset="other.usda").env_cfg().model is None
     lost = trained_with({"model": "gone.json", "mr_model": None}, tmp_path / "lost.onnx")
-    assert main(["play", "--policy", str(lost), "--out", str(tmp_path / "no")]) == 2
-    assert "lost.onnx: was trained with --model gone.json; name that device with --model" in capsys.readouterr().err
+    said = refused("play", "--policy", lost, "--out", tmp_path / "no")
+    assert "lost.onnx: was trained with --model gone.json; name that device with --model" in said

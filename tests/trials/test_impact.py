@@ -1,7 +1,5 @@
 """Impact trials: paired copies, the push and the falling mass as they should be, figures and the command."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from mrwarp import paper
-from mrwarp.cli import main
 from mrwarp.energy import model_numbers
 from mrwarp.energy.power import ElectricalCfg
 from mrwarp.env.cfg import TaskCfg
@@ -18,6 +17,7 @@ from mrwarp.trials import walk_figures
 from mrwarp.trials.power_meter import PowerMeter
 from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, robot_env, standing_load, walk
 from mrwarp.trials.walking import make_env, set_payload
+from tests.messages import Refused
 
 ENV = TaskCfg(threads=1)
 SHORT = WalkCfg(payloads=(0.0,), speeds=(0.5,), trials=2, distance=0.6, warmup=0.6, env=ENV)
@@ -177,14 +177,12 @@ def test_standing_on_the_devices_spares_the_calf_motors() -> None:
     ],
 )
 def test_unusable_numbers_end_with_2(
-    command: str, content: bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, content: bytes, message: str, tmp_path: Path, refused: Refused
 ) -> None:
     """A file of ``--numbers`` that is damaged, nested without end or out of range: one line, no traceback."""
     file = tmp_path / "numbers.json"
     file.write_bytes(content)
-    assert main([command, "--out", str(tmp_path / "out"), "--numbers", str(file)]) == 2
-    shown = capsys.readouterr().err
-    assert message in shown and len(shown.splitlines()) == 1
+    assert message in refused(command, "--out", tmp_path / "out", "--numbers", file)
     assert not (tmp_path / "out").exists()
 
 

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from rerun.chunk import RrdReader
@@ -28,6 +29,12 @@ class Walk:
     frames: Frames
     truth: list[dict[str, Any]]
     currents: tuple[float, ...] = CURRENT_GROUPS
+
+    def without_devices(self) -> Frames:
+        """The frames of the first robot, as of one that has none."""
+        part = {name: value[:, :1] if value.ndim > 1 else value for name, value in vars(self.frames).items()}
+        none = np.zeros((len(self.frames), 1, 0))
+        return Frames(**{**part, "tau_mr": none, "current": none, "gate": none.astype(int)})
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from PIL import Image
 
 from mrwarp.env.sim import robot_scene
 from mrwarp.usd.asset import load_robot
-from mrwarp.viewing.frames import Frames, Gate
+from mrwarp.viewing.frames import Gate
 from mrwarp.viewing.robot_pictures import SideView, _spans, contact_sheet
 from mrwarp.viewing.shapes import GATE_COLORS, robot_shapes
 
@@ -30,10 +30,7 @@ def test_contact_sheet_is_not_blank(walk: Any, tmp_path: Path) -> None:
 
 def test_contact_sheet_without_devices(walk: Any, tmp_path: Path) -> None:
     """``go1`` has fewer panels and no gates."""
-    part = {name: value[:, :1] if value.ndim > 1 else value for name, value in vars(walk.frames).items()}
-    none = np.zeros((60, 1, 0))
-    frames = Frames(**{**part, "tau_mr": none, "current": none, "gate": none.astype(int)})
-    contact_sheet(robot_scene(load_robot(robot="go1")), frames, [0.0], tmp_path / "go1.png")
+    contact_sheet(robot_scene(load_robot(robot="go1")), walk.without_devices(), [0.0], tmp_path / "go1.png")
     contact_sheet(walk.env.sim.scene, walk.frames, walk.currents, tmp_path / "mr.png")
     assert Image.open(tmp_path / "go1.png").height < Image.open(tmp_path / "mr.png").height
 

@@ -13,7 +13,7 @@ from mrwarp.kernels import ledger
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import LEGS
 from mrwarp.viewing import live_view
-from mrwarp.viewing.frames import Frames, Gate
+from mrwarp.viewing.frames import Gate
 from mrwarp.viewing.robot_view import ENERGY, FORCE_SCALE, SERIES, RobotLogger, make_blueprint
 from mrwarp.viewing.shapes import GATE_COLORS, body_names, body_poses, robot_shapes
 
@@ -71,13 +71,6 @@ def test_every_series_is_there_with_its_unit(walk: Any, recording: Path, read_rr
             np.testing.assert_array_equal(times, 20_000_000 * np.arange(1, 61))
             np.testing.assert_allclose(found, values, rtol=1e-6, atol=1e-9)
             assert [unit for _, unit in recorded.columns(entity, "unit", static=True)] == [[UNITS[quantity]]]
-
-
-def test_last_trunk_height_is_the_environments(walk: Any, recording: Path, read_rrd: Any) -> None:
-    """The last logged height equals the environment's own, to float32."""
-    for k, name in enumerate(NAMES):
-        _, heights = series(read_rrd(recording), f"/robots/{name}/series/trunk_height")
-        assert np.float32(heights[-1, 0]) == walk.truth[-1]["height"][k]
 
 
 def test_poses_are_there(walk: Any, recording: Path, read_rrd: Any) -> None:
@@ -179,9 +172,7 @@ def test_robot_without_devices(tmp_path: Path, walk: Any, read_rrd: Any) -> None
     target.save(path)
     robots = RobotLogger(scene, [0.0], target)
     target.send_blueprint(make_blueprint(robots))
-    part = {name: value[:, :1] if value.ndim > 1 else value for name, value in vars(walk.frames).items()}
-    none = np.zeros((60, 1, 0))
-    robots.log(Frames(**{**part, "tau_mr": none, "current": none, "gate": none.astype(int)}))
+    robots.log(walk.without_devices())
     assert live_view.disconnect(target)
     found = {entity.split("/")[-1] for entity in read_rrd(path).entities() if "/series/" in entity}
     assert found == set(UNITS) - {"mr_torque", "coil_current"}

@@ -14,6 +14,7 @@ from paper.reproduce import registry as catalogue
 from paper.reproduce.comparison import Findings
 from paper.reproduce.contents import TITLES
 from paper.reproduce.settings import NotYet
+from tests.messages import Refused
 
 
 @pytest.mark.parametrize(
@@ -29,16 +30,13 @@ from paper.reproduce.settings import NotYet
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, options: list[str], message: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused, options: list[str], message: str
 ) -> None:
     """Exit code 2, no folder; of policies that are there, or files that look like them."""
     monkeypatch.chdir(tmp_path)
     for name in (*"abcdef", "a.onnx", "b.onnx"):
         (tmp_path / name).touch()
-    assert main(["reproduce", "table6", "--out", str(tmp_path / "out"), *options]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    assert message in refused("reproduce", "table6", "--out", tmp_path / "out", *options)
     assert not (tmp_path / "out").exists()
 
 

@@ -136,16 +136,13 @@ def test_a_change_has_the_spread_of_both_robots(monkeypatch: pytest.MonkeyPatch,
     """Depletions of 59.3 and 52.5 points, the latter with 10 % SD in ours; the paper's rows give its own."""
     traces = {robot: trace(robot) for robot in paper.ROBOTS}
     scattered = replace(traces["mr_go_sal"], depletion=52.5 * np.array([0.9, 1.0, 1.1]))
-    change = row(made(fig10, monkeypatch, tmp_path, traces | {"mr_go_sal": scattered}), CHANGE, "change")
+    about = "MR_Go to MR_Go-SAL, depletion"
+    change = row(made(fig10, monkeypatch, tmp_path, traces | {"mr_go_sal": scattered}), about, "change")
     assert change.n == 3
     assert change.sd == pytest.approx(100.0 * 0.1 * 52.5 / 59.3)
     assert change.paper and change.paper.sd == pytest.approx(100.0 * np.hypot(2.0 / 52.5, 1.5 / 59.3) * 52.5 / 59.3)
     one = {robot: replace(found, depletion=found.depletion[:1]) for robot, found in traces.items()}
-    assert row(made(fig10, monkeypatch, tmp_path, one), CHANGE, "change").sd is None
-
-
-CHANGE = "MR_Go to MR_Go-SAL, depletion"
-"""Condition of a row of figure 10."""
+    assert row(made(fig10, monkeypatch, tmp_path, one), about, "change").sd is None
 
 
 def test_cool_hips_are_explained_by_the_price(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -43,21 +43,12 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
     assert columns == {len(report.HEAD) + 1}
 
 
-def test_a_row_says_difference_kind_and_reason(tmp_path: Path) -> None:
-    """Relative, in standard errors; a row that agrees carries no reason."""
-    _, text = made(tmp_path)
-    assert "+100.0 %" in text
-    assert "+8.7" in text  # 1/sqrt(0.1^2 + 0.1^2/3)
-    near = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.1), ours=1.05, why="reason")
-    assert report.cells(near)[-1] == ""
-
-
-def test_agreement_counts_rows_within_their_interval() -> None:
+def test_rows_that_agree_are_counted_and_carry_no_reason() -> None:
     """A row without a spread of the paper's is judged by 5 %."""
-    row = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0), ours=1.04)
-    far = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.1), ours=2.0)
-    text = report.agreement([row, far])
-    assert text == "1 of 2 rows do not differ beyond their interval"
+    row = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0), ours=1.04, why="reason")
+    far = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.1), ours=2.0, why="reason")
+    assert report.agreement([row, far]) == "1 of 2 rows do not differ beyond their interval"
+    assert [report.cells(each)[-1] for each in (row, far)] == ["", "reason"]
 
 
 def test_an_experiment_without_findings_says_why(tmp_path: Path) -> None:

@@ -269,30 +269,21 @@ def test_the_tail_of_the_torque_is_told_by_what_the_gate_does(tmp_path: Path) ->
     assert figure8._span(np.array([9.6, 40.2])) == "10 to 40 %"
 
 
-def test_robots_walk_at_the_speeds_that_the_paper_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All but one variant, which keeps the commands; what the tables are about is walked by each policy three times."""
-    asked = []
-    monkeypatch.setattr(walks, "walk", lambda cfg, policies, report: asked.append(cfg) or [])
-    monkeypatch.setattr(walks, "ensembles", lambda paths: dict(paths))
-    monkeypatch.setattr(walks, "Ensemble", tuple)
-    monkeypatch.setattr(walks, "standing_load", lambda *_, **__: (None, {}))
-    walks.simulate(Job(settings=Settings(), out=tmp_path))
-    by_name = dict(zip(walks.VARIANTS, asked, strict=True))
-    assert [name for name, cfg in by_name.items() if not cfg.commanded] == ["as_commanded"]
-    assert by_name["both"].commanded["mr_go_sal", 3, 0.3] == 0.33
-    assert by_name["both"].trials == 3 * by_name["as_commanded"].trials == 15
+def test_robots_walk_as_each_table_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the measured speeds but in one variant; what the tables are about is walked by each policy three times.
 
-
-def test_policies_with_sal_walk_on_the_devices_that_they_were_trained_with(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By the records of the shipped ones; those of another robot are taken to it on purpose."""
+    Policies with SAL walk on the devices of their training by their records, but for those of another robot.
+    """
     asked = []
     monkeypatch.setattr(walks, "walk", lambda cfg, policies, report: asked.append((cfg, policies)) or [])
     monkeypatch.setattr(walks, "ensembles", lambda paths: dict(paths))
     monkeypatch.setattr(walks, "Ensemble", tuple)
     monkeypatch.setattr(walks, "standing_load", lambda *_, **__: (None, {}))
     walks.simulate(Job(settings=Settings(), out=tmp_path))
+    by_name = dict(zip(walks.VARIANTS, (cfg for cfg, _ in asked), strict=True))
+    assert [name for name, cfg in by_name.items() if not cfg.commanded] == ["as_commanded"]
+    assert by_name["both"].commanded["mr_go_sal", 3, 0.3] == 0.33
+    assert by_name["both"].trials == 3 * by_name["as_commanded"].trials == 15
     for name, (cfg, policies) in zip(walks.VARIANTS, asked, strict=True):
         if name != "swapped_policies":
             tasks = [json.loads(file.with_suffix(".json").read_text())["task"] for file in policies["mr_go_sal"]]

@@ -42,6 +42,7 @@ from paper.study.plan import (
     record_file,
     start_file,
 )
+from tests.messages import Refused
 
 pytestmark = pytest.mark.usefixtures("short_gate_of_module")
 CFG = StudyCfg(num_envs=4, iterations=2, terrain="flat", seeds=(0,), plants=(CONVENTIONAL, "bouc_wen"))
@@ -93,13 +94,12 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
     assert replace(explicit, coupling=Coupling.CONSTRAINT) == cfgs[2]
 
 
-def test_robots_that_pay_name_their_price(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_robots_that_pay_name_their_price(tmp_path: Path, refused: Refused) -> None:
     """In the record's command and task; another price is another training."""
     options = ["--plants", "go1", "--seeds", "0", "--num-envs", "4", "--iterations", "1", "--runs", str(tmp_path / "r")]
     out = ["--out", str(tmp_path / "policies")]
     assert main(["study", "train", *options, "--power-price", "0.02"]) == 0
-    assert main(["study", "collect", *options, *out]) == 2
-    assert "trained with rewards.power = -0.02 (asked: -0.002)" in capsys.readouterr().err
+    assert "trained with rewards.power = -0.02 (asked: -0.002)" in refused("study", "collect", *options, *out)
     assert main(["study", "collect", *options, *out, "--power-price", "0.02"]) == 0
     record = json.loads(record_file(tmp_path / "policies", "go1", 0).read_text())
     assert record["command"].endswith("--randomize ground --power-price 0.02 --desired-kl 0.04 --entropy 0.003")
@@ -186,7 +186,7 @@ def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(runs: Path, t
 
 
 def test_runs_of_other_choices_are_neither_finished_nor_collected(
-    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Refused
 ) -> None:
     """Randomisation, ground, environments, updates and seed: exit code 2, one line, nothing written."""
     out = tmp_path / "out"
@@ -203,12 +203,8 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
         (["--entropy", "0"], "entropy = 0.003 (asked: 0.0)"),
     ):
         for part in (["train"], ["collect", "--out", str(out)]):
-            capsys.readouterr()
-            assert main(["study", *part, *options, *choice]) == 2, choice
-            error = capsys.readouterr().err
-            assert (
-                error.count("\n") == 1 and f"{runs / name(CONVENTIONAL, 0)}: trained with " in error and text in error
-            )
+            error = refused("study", *part, *options, *choice)
+            assert f"{runs / name(CONVENTIONAL, 0)}: trained with " in error and text in error
             assert "--entropy 0.003' or name another --runs to train again" in error
     assert sorted(runs.rglob("*")) == before and not out.exists()
     (runs / name(CONVENTIONAL, 0)).rename(runs / name(CONVENTIONAL, 1))

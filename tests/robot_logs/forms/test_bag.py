@@ -1,7 +1,5 @@
 """Bags that rosbags itself wrote become robot logs: JointState and Imu, Unitree's LowState and LowCmd, refusals."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from mrwarp.robot_logs.forms.bag import UNITREE_JOINTS, read_bag, typestore
 from mrwarp.robot_logs.forms.open_log import open_log
 from mrwarp.robot_logs.forms.save_log import DIGITS
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
-from tests.messages import has_parts
+from tests.messages import Refused, has_parts
 
 STORE = typestore()
 ROWS, DT = 120, 0.01
@@ -218,7 +216,7 @@ def test_the_usual_name_is_chosen_of_several_states(tmp_path: Path) -> None:
     assert read_bag(ros_bag(tmp_path / "bag", other=True), {"kp": 20}).runs[0].samples == ROWS - 5
 
 
-def test_maps_and_bags_that_are_none_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_maps_and_bags_that_are_none_are_refused(tmp_path: Path, refused: Refused) -> None:
     """One line, exit code 2, nothing written."""
     bag = ros_bag(tmp_path / "bag")
     (tmp_path / "map.json").write_text('{"joint": {}}')
@@ -229,12 +227,10 @@ def test_maps_and_bags_that_are_none_are_refused(tmp_path: Path, capsys: pytest.
         ([str(tmp_path / "bad.mcap"), "--map", str(tmp_path / "no.json")], "no.json: no such file"),
         ([str(tmp_path / "none.mcap")], "none.mcap: no such file"),
     ):
-        assert main(["log", "import", *words, "--out", str(tmp_path / "log")]) == 2
-        err = capsys.readouterr().err
-        assert said in err and err.count("\n") == 1 and not (tmp_path / "log").exists()
+        assert said in refused("log", "import", *words, "--out", tmp_path / "log")
+        assert not (tmp_path / "log").exists()
     (tmp_path / "map.json").unlink()
-    assert main(["check", str(tmp_path / "bad.mcap")]) == 2
-    assert "is no bag that can be read" in capsys.readouterr().err
+    assert "is no bag that can be read" in refused("check", tmp_path / "bad.mcap")
 
 
 def two_publishers(path: Path, *, array: bool = False) -> Path:

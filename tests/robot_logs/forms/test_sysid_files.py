@@ -1,7 +1,5 @@
 """Files as PACE's ``torch.save`` and Isaac Sim's system identification lay them out become robot logs."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from pathlib import Path

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.trials.impact import ImpactTrace
 from mrwarp.trials.impact_figures import threshold_variants
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from paper.reproduce.cache import Job
@@ -14,6 +13,7 @@ from paper.reproduce.comparison import Findings
 from paper.reproduce.disturbance import drop_trials, push_entries, push_rule, table4
 from paper.reproduce.disturbance.push_rule import JOINT, LITERAL, PAIR
 from paper.reproduce.settings import Settings
+from tests.paper.reproduce.disturbance.test_drop_trials import trace
 from tests.paper.reproduce.disturbance.test_table5 import dropped
 
 TRIALS = 6
@@ -35,7 +35,7 @@ def pushed(torque: np.ndarray | None = None, level: float = 1.1) -> push_rule.Pu
     if torque is None:
         torque = np.ones(shape)
         torque[-1] *= 0.9
-    trace = {
+    series = {
         "t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape), "fell": np.zeros((4, TRIALS), dtype=bool),
         "height": np.ones(shape[:3]), "f_foot": np.ones(shape),
     }  # fmt: skip
@@ -44,7 +44,7 @@ def pushed(torque: np.ndarray | None = None, level: float = 1.1) -> push_rule.Pu
         zeros=zeros,
         durations=[{cell: np.ones(3) for cell in push_rule.CELLS}],
         results=results,
-        traces={LITERAL.name: trace, JOINT.name: trace},
+        traces={LITERAL.name: series, JOINT.name: series},
     )
 
 
@@ -97,15 +97,15 @@ def test_table4_has_two_columns_and_every_effect(monkeypatch: pytest.MonkeyPatch
 
 def test_the_lowest_point_is_that_of_the_stance() -> None:
     """Two of three pushes are lower in a later stance; in the first the swinging pair bears a quarter of the load."""
-    trace = {
+    series = {
         "t": np.array([0.1, 0.2, 0.3, 0.6]),
         "height": np.array([[[0.3, 0.2, 0.25, 0.1], [0.3, 0.2, 0.25, 0.15], [0.3, 0.25, 0.2, 0.3]]]),
         "f_foot": np.zeros((1, 3, 4, len(LEGS))),
     }
     for k, leg in enumerate(LEGS):
-        trace["f_foot"][0, 0, 1, k] = trace["f_foot"][0, 1, 1, k] = 30.0 if leg in PAIR else 10.0
-        trace["f_foot"][0, 2, 2, k] = 30.0 if leg in PAIR else 10.0
-    found = table4.lowest_point(trace)
+        series["f_foot"][0, 0, 1, k] = series["f_foot"][0, 1, 1, k] = 30.0 if leg in PAIR else 10.0
+        series["f_foot"][0, 2, 2, k] = 30.0 if leg in PAIR else 10.0
+    found = table4.lowest_point(series)
     assert found == {"time": pytest.approx(0.7 / 3.0), "caught": pytest.approx(0.25), "later": pytest.approx(2.0 / 3.0)}
 
 
@@ -115,27 +115,11 @@ def test_sensitivity_is_over_seeds() -> None:
     share = np.tile([0.9, 0.8, 0.7], 4)
     drop = np.where(np.arange(count)[:, None] == 0, 0.1, 0.1 * share)
     height = np.stack([np.full_like(drop, 0.3), 0.3 - drop], axis=2)
-    blank = np.zeros((count, 12, 2, len(LEGS)))
-    trace = ImpactTrace(
-        t=np.array([0.005, 0.01]),
-        height=height,
-        velocity=np.zeros_like(height),
-        tau_motor=drop[..., None, None] + blank,
-        tau_mr=blank,
-        current=blank,
-        m_dyn=blank,
-        m_hold=blank,
-        f_foot=blank,
-        q=blank,
-        qd=blank,
-        qpos=np.zeros((count, 2, 19)),
-        ledger=np.zeros((count, 12, 7)),
-        fell=np.zeros((count, 12), dtype=bool),
-        contact=np.zeros((count, 12)),
-    )
-    for entries in push_entries.by_seed(trace, 3).values():
+    shape = (count, 12, 2)
+    pushes = trace(shape, height=height, tau_motor=drop[..., None, None] + np.zeros((*shape, len(LEGS))))
+    for entries in push_entries.by_seed(pushes, 3).values():
         for entry in entries:
             for quantity in push_entries.REDUCED:
                 assert entry[quantity] == pytest.approx([10.0, 20.0, 30.0])
-    single = push_entries.by_seed(trace, 1)["f_th"][0]
+    single = push_entries.by_seed(pushes, 1)["f_th"][0]
     assert single["drop"] == pytest.approx([20.0]) and single["peak"] == pytest.approx([20.0])
