@@ -18,9 +18,10 @@ from mrwarp.diagnose.residual_structure import (
     make_groups,
     without_line,
 )
-from mrwarp.identify.dataset import Dataset, Motion, Scales
+from mrwarp.identify.dataset import Motion
 from mrwarp.sysid.settings import Settings
 from tests.diagnose import known
+from tests.identify.synthetic import DT, samples
 
 WORDS = {"q", "qd", "qdd", "current", "time", "memory"}
 
@@ -133,23 +134,6 @@ def test_clean_data_leave_nothing() -> None:
     found = leftovers(problem, fit)
     assert max(f.gain for f in found) < threshold(problem, fit)
     assert np.mean([f.gain < 0.0 for f in found]) > 0.5
-
-
-DT = 0.005
-
-
-def samples(lengths: list[int]) -> Dataset:
-    """Trajectories of some lengths; only their bounds count here."""
-    zero = np.zeros(sum(lengths))
-    return Dataset(
-        q=zero,
-        qd=zero,
-        current=zero,
-        torque=zero,
-        start=np.cumsum([0, *lengths]),
-        dt=np.full(len(lengths), DT),
-        scales=Scales(),
-    )
 
 
 def line_in(mismatch: np.ndarray, torque: np.ndarray, lengths: list[int]) -> Line | None:

@@ -5,10 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from mrwarp.enums import Coupling, HoldCurrent, ZStep
-from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import TaskCfg, make_play_cfg
-from mrwarp.env.config.mdp_cfg import RandomizeCfg, TerrainCfg, make_randomize_cfg
+from mrwarp.env.config.mdp_cfg import RandomizeCfg, make_randomize_cfg
 
 
 def test_two_tasks_are_equal_but_separate_objects() -> None:
@@ -17,35 +15,6 @@ def test_two_tasks_are_equal_but_separate_objects() -> None:
     assert first == second
     for name in ("solver", "commands", "noise", "randomize", "rewards"):
         assert getattr(first, name) is not getattr(second, name), name
-
-
-def test_every_choice_is_kept() -> None:
-    """Each argument ends up in the field that the environment reads; ground and randomisation by name, too."""
-    cfg = TaskCfg(
-        num_envs=3,
-        device="cpu",
-        seed=7,
-        robot="go1",
-        payload=3,
-        asset="x.usda",
-        actuator="mlp",
-        actuator_file="net.safetensors",
-        coupling=Coupling.EXPLICIT,
-        hold_current=HoldCurrent.FIXED,
-        z_step=ZStep.EXACT,
-        sal=False,
-        backend=BackendKind.MJWARP,
-        threads=2,
-        deterministic=True,
-        randomize="none",
-        terrain="rough",
-    )
-    assert cfg.deterministic and cfg.randomize is None and cfg.terrain == TerrainCfg()
-    assert (cfg.num_envs, cfg.device, cfg.backend, cfg.threads) == (3, "cpu", BackendKind.MJWARP, 2)
-    assert (cfg.seed, cfg.robot, cfg.payload, cfg.asset) == (7, "go1", 3, "x.usda")
-    assert (cfg.actuator, cfg.actuator_file) == ("mlp", "net.safetensors")
-    chosen = (cfg.coupling, cfg.hold_current, cfg.z_step, cfg.sal)
-    assert chosen == (Coupling.EXPLICIT, HoldCurrent.FIXED, ZStep.EXACT, False)
 
 
 def test_ground_randomises_friction_and_kicks_alone() -> None:

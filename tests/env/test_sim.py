@@ -133,25 +133,6 @@ def test_sim_kept_data_change_no_bits_and_are_asked_for(scene):
         shared.backend.data(3, data)
 
 
-def test_sim_masked_reset_leaves_others_bit_equal(scene):
-    """Resetting one environment leaves every bit of the other two where it was."""
-    sim = Sim(scene, SimCfg(num_envs=3))
-    sim.reset(None, stance(scene, 3, lift=0.01))
-    tau, bound = f32(np.zeros((3, 12))), f32(np.ones((3, 12)))
-    for _ in range(5):
-        sim.step(tau, bound)
-    names = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")
-    before = {name: sim.backend.field(name).numpy().copy() for name in names}
-    reads = {name: getattr(sim, name).numpy().copy() for name in ("q", "qd", "f_foot", "root_pos", "root_vel")}
-    sim.reset(wp.array([False, True, False], dtype=wp.bool, device="cpu"), stance(scene, 3))
-    for name, value in before.items():
-        np.testing.assert_array_equal(sim.backend.field(name).numpy()[[0, 2]], value[[0, 2]])
-    for name, value in reads.items():
-        np.testing.assert_array_equal(getattr(sim, name).numpy()[[0, 2]], value[[0, 2]])
-    assert not sim.backend.field("qvel").numpy()[1].any()
-    np.testing.assert_allclose(sim.q.numpy()[1], stance(scene, 1).numpy()[0, scene.q_adr])
-
-
 @pytest.mark.parametrize("kind", list(BackendKind))
 def test_sim_mass_change_keeps_the_brake(scene, kind):
     """A heavier trunk changes masses and their constants per environment, but not the brakes' regularisation."""

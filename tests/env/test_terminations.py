@@ -39,11 +39,6 @@ def step(state: Any, fall_cost: float = 0.0) -> list[list[bool]]:
     return [flag.tolist() for flag in state.flags]
 
 
-def test_upright_robots_have_not_fallen() -> None:
-    """The neutral state ends no episode; the answer is bool of shape (E,)."""
-    assert step(make_state()) == [[False] * 4] * 4
-
-
 def test_fallen_by_height_at_the_limit() -> None:
     """Just above the limit stands, at and below it has fallen."""
     state = make_state()
@@ -81,25 +76,6 @@ def test_a_state_that_is_no_number_counts_as_fallen(name: str, value: float) -> 
     fallen = step(state)[0]
     assert (fallen[0], fallen[3]) == (False, False)
     assert (fallen[1], fallen[2]) == (True, True)
-
-
-def test_timed_out_at_the_episodes_length() -> None:
-    """The episode is over at its last step, not before; the step is counted."""
-    state = make_state()
-    state.episode_length_buf = torch.tensor([0, 8, 9, 10])
-    fallen, diverged, time_out, done = step(state)
-    assert state.episode_length_buf.tolist() == [1, 9, 10, 11]
-    assert time_out == done == [False, False, True, True]
-    assert fallen == diverged == [False] * 4
-
-
-def test_a_wrong_number_is_a_fall_without_reward() -> None:
-    """The others keep theirs."""
-    state = make_state()
-    state.diverged[2] = 1
-    fallen, diverged, time_out, done = step(state)
-    assert fallen == diverged == done == [False, False, True, False] and time_out == [False] * 4
-    assert state.reward.tolist() == [1.0, 1.0, 0.0, 1.0]
 
 
 def test_a_robot_that_is_thrown_does_not_shake_the_learner() -> None:

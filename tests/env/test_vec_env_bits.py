@@ -65,17 +65,6 @@ def test_a_gpus_threads_give_the_bits_of_one_thread(changes: dict, monkeypatch: 
     assert_same_state(*envs)
 
 
-def test_masked_reset_leaves_the_brake_torque_of_others() -> None:
-    """The brake torque of the last step belongs to the environments that go on; a reset of others leaves it."""
-    env = WalkEnv(make_cfg(4, seed=5))
-    for action in random_actions(5, 4):
-        env.step(action)
-    before = env.view(env.sim.friction).clone()
-    assert bool(before[1:].any(1).all())
-    env._reset(torch.tensor([True, False, False, False]))
-    assert torch.equal(env.view(env.sim.friction)[1:], before[1:])
-
-
 @pytest.mark.gpu
 def test_state_goes_on_on_a_gpu() -> None:
     """Another object on the GPU that loads the state holds the same bits, and goes on identically for five steps.
@@ -138,17 +127,6 @@ def test_state_is_a_copy() -> None:
         env.step(action)
     for name, value in state.items():
         assert torch.equal(value, copies[name]), name
-
-
-def test_load_state_restores_the_last_observations() -> None:
-    """The policy's next input is what it was when the state was taken, noise included."""
-    env = WalkEnv(make_cfg(4))
-    obs = env.step(torch.ones(4, 12))[0]
-    state = env.state()
-    env.step(torch.zeros(4, 12))
-    env.load_state(state)
-    for group in ("actor", "critic"):
-        assert torch.equal(env.last_observations[group], obs[group])
 
 
 def test_environment_draws_nothing_from_the_global_generator() -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mrwarp.identify.dataset import Dataset, Scales
 from mrwarp.recording.load import Recording, Trajectory
 
 TRUTH = {
@@ -79,3 +80,17 @@ def scaled(recording: Recording, q: float, current: float, torque: float, units:
         for r in recording.trajectories
     )
     return Recording(trajectories=runs, units=units)
+
+
+def samples(lengths: list[int]) -> Dataset:
+    """Trajectories of some lengths; only their bounds count here."""
+    zero = np.zeros(sum(lengths))
+    return Dataset(
+        q=zero,
+        qd=zero,
+        current=zero,
+        torque=zero,
+        start=np.cumsum([0, *lengths]),
+        dt=np.full(len(lengths), DT),
+        scales=Scales(),
+    )

@@ -4,24 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from mrwarp.identify.dataset import Dataset, Scales
 from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
-
-DT = 0.005
-
-
-def samples(runs: int, count: int) -> Dataset:
-    """Trajectories of equal length; only their bounds count here."""
-    zero = np.zeros(runs * count)
-    return Dataset(
-        q=zero,
-        qd=zero,
-        current=zero,
-        torque=zero,
-        start=np.arange(runs + 1) * count,
-        dt=np.full(runs, DT),
-        scales=Scales(),
-    )
+from tests.identify.synthetic import DT, samples
 
 
 def torque(runs: int, count: int) -> np.ndarray:
@@ -41,7 +25,7 @@ def test_whitening_makes_coloured_noise_white() -> None:
     keep = np.exp(-DT / 0.05)
     noise = 0.01 * np.asarray(lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=runs * count)))
     noise = noise + 0.02 * rng.normal(size=runs * count)
-    at = samples(runs, count)
+    at = samples([count] * runs)
     found = estimate_noise(noise, torque(runs, count), at, offset=0.1, gain=0.2)
     assert found.rms == pytest.approx(np.sqrt(5e-4), rel=0.05) and (found.offset, found.gain) == (0.1, 0.2)
     parts = [found.white(noise[part])[4:] for part in at.parts]
@@ -57,7 +41,7 @@ def test_autoregression_is_recovered(true: tuple[float, ...]) -> None:
     """The filter and the size of an autoregressive noise of up to fourth order, to their standard errors."""
     runs, count, rng = 10, 2000, np.random.default_rng(2)
     noise = lfilter([0.3], [1.0, *(-x for x in true)], rng.normal(size=runs * count))
-    found = estimate_noise(noise, torque(runs, count), samples(runs, count), 0.0, 0.0)
+    found = estimate_noise(noise, torque(runs, count), samples([count] * runs), 0.0, 0.0)
     want = np.zeros(5)
     want[0], want[1 : 1 + len(true)] = 1.0, np.negative(true)
     np.testing.assert_allclose(found.whitening, want, atol=4.0 / np.sqrt(runs * count))
@@ -67,8 +51,8 @@ def test_autoregression_is_recovered(true: tuple[float, ...]) -> None:
 def test_short_trajectories_take_a_shorter_filter() -> None:
     """A filter of order 4 needs 200 samples a trajectory; 60 give order 1."""
     noise = np.random.default_rng(3).normal(size=600)
-    assert len(estimate_noise(noise, noise, samples(10, 60), 0.0, 0.0).whitening) == 2
-    assert len(estimate_noise(noise, noise, samples(2, 300), 0.0, 0.0).whitening) == 5
+    assert len(estimate_noise(noise, noise, samples([60] * 10), 0.0, 0.0).whitening) == 2
+    assert len(estimate_noise(noise, noise, samples([300] * 2), 0.0, 0.0).whitening) == 5
 
 
 def test_white_is_the_filter_in_units_of_sigma() -> None:
@@ -81,7 +65,7 @@ def test_white_is_the_filter_in_units_of_sigma() -> None:
 
 def test_silence_has_a_noise_of_its_own() -> None:
     """Data without noise give a tiny sigma, not 0: nothing is divided by zero."""
-    found = estimate_noise(np.zeros(800), torque(2, 400), samples(2, 400), 0.0, 0.0)
+    found = estimate_noise(np.zeros(800), torque(2, 400), samples([400] * 2), 0.0, 0.0)
     assert 0.0 < found.sigma < 1e-5 and np.isfinite(found.whitening).all()
 
 
@@ -93,7 +77,7 @@ def test_spread_of_offsets_and_factors_is_recovered(offset: float, gain: float) 
     drawn = rng.normal(size=(2, runs, 1))
     mismatch = offset * drawn[0] + gain * drawn[1] * tau.reshape(runs, count)
     mismatch = mismatch.ravel() + 0.01 * rng.normal(size=runs * count)
-    found = trajectory_spread(mismatch, tau, samples(runs, count), np.empty((runs, 0)))
+    found = trajectory_spread(mismatch, tau, samples([count] * runs), np.empty((runs, 0)))
     for value, true in zip(found, (offset, gain), strict=True):
         assert 0.6 * true < value < 1.35 * true + 1.5e-3
 
@@ -104,8 +88,8 @@ def test_trends_are_no_spread() -> None:
     tau, trend = torque(runs, count), np.linspace(-1.0, 1.0, runs)[:, None]
     mismatch = (0.05 * trend - 0.08 * trend * tau.reshape(runs, count)).ravel()
     mismatch += 0.01 * rng.normal(size=runs * count)
-    with_trend = trajectory_spread(mismatch, tau, samples(runs, count), trend)
-    without = trajectory_spread(mismatch, tau, samples(runs, count), np.empty((runs, 0)))
+    with_trend = trajectory_spread(mismatch, tau, samples([count] * runs), trend)
+    without = trajectory_spread(mismatch, tau, samples([count] * runs), np.empty((runs, 0)))
     assert max(with_trend) < 4e-3 and without[0] > 0.02 and without[1] > 0.04
 
 
@@ -114,6 +98,6 @@ def test_noise_alone_gives_no_spread() -> None:
     runs, count, rng = 60, 400, np.random.default_rng(6)
     keep = np.exp(-DT / 0.05)
     noise = 0.02 * np.asarray(lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=runs * count)))
-    offset, gain = trajectory_spread(noise, torque(runs, count), samples(runs, count), np.empty((runs, 0)))
+    offset, gain = trajectory_spread(noise, torque(runs, count), samples([count] * runs), np.empty((runs, 0)))
     # a mean over 400 samples correlated over 10 on each side
     assert offset < 0.02 * np.sqrt(20.0 / count) and gain < 0.02 * np.sqrt(2.0 * 20.0 / count)

@@ -220,19 +220,6 @@ def test_columns_beside_a_backlash_make_up_the_torque(motion: Motion) -> None:
     np.testing.assert_allclose(x[:6] @ slopes[:6], tau, rtol=0, atol=2e-3 * np.abs(tau).max())
 
 
-def test_columns_of_an_inertia_and_a_wear_are_known(motion: Motion) -> None:
-    """dtau/dJ = qdd; dtau/drate = -t times the loop."""
-    c = Parameters(("rotor_inertia", "wear"), motion.ranges, 0.0)
-    x = known.vector(c, STRONG)
-    tau, slopes = jacobian(EffectReplay(motion), c, x)
-    np.testing.assert_allclose(slopes[9], motion.qdd, rtol=0, atol=1e-3 * np.abs(motion.qdd).max())
-    s, p = motion, known.TRUTH
-    inertia, wear = STRONG["rotor_inertia"]["inertia"], STRONG["wear"]["rate"]
-    straight = p["D"] + p["B"] * s.qd + p["C"] * s.q + p["I1"] * s.current + inertia * motion.qdd
-    loop = (tau - straight) / (1.0 - wear * motion.time)
-    np.testing.assert_allclose(slopes[10], -motion.time * loop, rtol=0, atol=1e-2 * np.abs(motion.time * loop).max())
-
-
 @pytest.mark.parametrize("name", [name for name, law in KNOWN.items() if law.adds])
 def test_what_only_adds_does_so_without_the_hysteresis(motion: Motion, name: str) -> None:
     """With a law it adds, by itself and in its derivatives, what it adds without it."""

@@ -89,6 +89,9 @@ def legs_of(found: UnderstoodRobot) -> dict[str, tuple[str, ...]]:
     return {leg.name: leg.joints for leg in found.layout.legs}
 
 
+DOG_LEGS = (("FL", "FR", "RL", "RR"), ("FL_roll", "FL_pitch", "FL_knee"))
+"""Legs in their order, and joints of the first one."""
+
 ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
     # robot, choices, legs in their order, joints of the first one
     "eight legs": (
@@ -132,17 +135,15 @@ ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
             "more": '<equality><connect body1="a" body2="b" anchor="0.1 0 0"/></equality>',
         },
         Choices(fix=("finger_*",)),
-        ("FL", "FR", "RL", "RR"),
-        ("FL_roll", "FL_pitch", "FL_knee"),
+        *DOG_LEGS,
     ),
     "wheels": (
         {"inner": "".join(leg(name, *at, shank=WHEEL.replace("{}", name)) for name, at in PLACES.items())},
         Choices(unlimited=("*_spin",)),
-        ("FL", "FR", "RL", "RR"),
-        ("FL_roll", "FL_pitch", "FL_knee"),
+        *DOG_LEGS,
     ),
     "two joints a leg": (
-        {"inner": "".join(leg(name, *at) for name, at in PLACES.items())},
+        {"inner": DOG},
         Choices(fix=("*_roll",)),
         ("FL", "FR", "RL", "RR"),
         ("FL_pitch", "FL_knee"),
@@ -161,8 +162,7 @@ ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
             + body("rear", "-0.1 0 0", "spine", "0 0 1", "-1 1", leg("RR", -0.1, -0.1) + leg("RL", -0.1, 0.1), 4.0)
         },
         Choices(),
-        ("FL", "FR", "RL", "RR"),
-        ("FL_roll", "FL_pitch", "FL_knee"),
+        *DOG_LEGS,
     ),
     "a trunk drawn with y upwards": (
         {
@@ -170,14 +170,12 @@ ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
             "inner": f'<body euler="-1.5708 0 0"><geom type="box" size="0.1 0.1 0.01" mass="1"/>{DOG}</body>',
         },
         Choices(),
-        ("FL", "FR", "RL", "RR"),
-        ("FL_roll", "FL_pitch", "FL_knee"),
+        *DOG_LEGS,
     ),
     "a tail that hangs": (
         {"inner": DOG + tail("-0.01 0 -0.2")},
         Choices(pose={"tail_*": 0.9}),
-        ("FL", "FR", "RL", "RR"),
-        ("FL_roll", "FL_pitch", "FL_knee"),
+        *DOG_LEGS,
     ),
     "one that looks backwards": (
         {"inner": DOG},
