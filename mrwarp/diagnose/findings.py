@@ -355,9 +355,9 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
     part = float(np.sum(found.problem.weight * varies**2)) / max(float(np.sum(found.problem.weight * error**2)), 1e-300)
     if part > found.problem.settings.gain.half:
         notes.append(
-            f"{100 * part:.0f} % of what is missed is a factor and a zero by which trajectories differ (standard "
-            f"deviation of the factor {100 * found.problem.noise.gain:.2g} %), which no law of the device repeats; "
-            "look for what changes from run to run, such as the mounting, the sensor's amplifier or the temperature"
+            f"{100 * part:.0f} % of what is missed is a factor and a zero by which trajectories differ. The factor has "
+            f"a standard deviation of {100 * found.problem.noise.gain:.2g} %. No law of the device repeats that: look "
+            "for what changes from run to run, such as the mounting, the sensor's amplifier or the temperature"
         )
     moved, shares = drift_of_zero(motion, error, found.problem.weight)
     if np.median(shares) > found.problem.settings.faults.drift:

@@ -80,10 +80,13 @@ class JointPlant:
             if enough and not impossible_size(name, other, self.ranges):
                 yield name, other
 
+    def contains(self, effect: str, other: str) -> bool:
+        """Whether an effect is another one with one number more."""
+        return CATALOGUE[effect].contains == other
+
     def distinct(self, effect: str, other: str) -> bool:
         """Whether none of two effects contains the other; single steps distinguish a lag from a delay."""
-        contained = CATALOGUE[effect].contains == other or CATALOGUE[other].contains == effect
-        return not contained and {effect, other} != {LAG, DELAY}
+        return not (self.contains(effect, other) or self.contains(other, effect)) and {effect, other} != {LAG, DELAY}
 
     def signals(self, fit: Fit) -> Signals:
         """Whitened, with each run's offset and factor let go."""

@@ -19,6 +19,8 @@ from mrwarp.sysid.settings import Gain, Odds
 
 Active = frozenset[int]
 """Nameless groups of a model."""
+_Step = tuple[float, str, Model, Active]
+"""Log odds of something more, its name, and the model and the nameless groups with it."""
 
 
 class EvidencePlant(Named[Model, Cause], Protocol):
@@ -40,6 +42,10 @@ class EvidencePlant(Named[Model, Cause], Protocol):
 
     def swapped(self, model: Model, cause: Cause, /) -> Iterable[tuple[Cause, Model]]:
         """Models that were fitted with another cause in one's place, and that cause."""
+        ...
+
+    def contains(self, cause: Cause, other: Cause, /) -> bool:
+        """Whether a cause is another one with more numbers."""
         ...
 
     def distinct(self, cause: Cause, other: Cause, /) -> bool:
@@ -142,10 +148,11 @@ class _Search(Generic[Model, Cause]):
     def grows(self) -> bool:
         """Let the best cause or nameless group enter; False where none adds enough.
 
-        A cause comes before a group that adds up to twice as much: what is left of that then competes with it. Next to
+        A cause comes before a group that adds up to twice as much: what is left of that then competes with it. What it
+        contains comes before it where both are as likely. Next to
         what was proven before it has to add more than any group, and none enters after some that left nameless ones.
         """
-        now, causes = self.score(self.model, self.active), list[tuple[float, str, Model, Active]]()
+        now, causes = self.score(self.model, self.active), list[_Step[Model]]()
         present = set(self.plant.causes(self.model))
         for name, model in () if self.closed else self.plant.grown(self.model):
             new = set(self.plant.causes(model)) - present
@@ -158,6 +165,8 @@ class _Search(Generic[Model, Cause]):
         found = sorted(causes + nameless, key=lambda row: -row[0])
         self.steps.append([(name, gain) for gain, name, *_ in found[:5]])
         first = max(causes, key=lambda row: row[0], default=None)
+        if first is not None:
+            first = self._simpler(first, causes)
         if first is not None and first[0] > (best if self.proven is not None else self.gain.half * best):
             found = [first]
         if not found or found[0][0] < self.odds.enters:
@@ -167,6 +176,18 @@ class _Search(Generic[Model, Cause]):
             self.compared.about(model)
         self.model, self.active = model, active
         return True
+
+    def _simpler(self, best: _Step[Model], others: Sequence[_Step[Model]]) -> _Step[Model]:
+        """The cause that the best one contains, where the odds between both are those of chance."""
+
+        def contained(row: _Step[Model]) -> bool:
+            return any(self.plant.contains(a, b) for a in new(best) for b in new(row))
+
+        def new(row: _Step[Model]) -> set[Cause]:
+            return set(self.plant.causes(row[2])) - set(self.plant.causes(self.model))
+
+        near = [row for row in others if row[0] > max(best[0] - self.odds.rival, self.odds.enters) and contained(row)]
+        return max(near, key=lambda row: row[0], default=best)
 
     def idle(self, cause: Cause) -> float:
         """Log odds of a cause, next to the nameless structure that is in the model."""
