@@ -13,8 +13,9 @@ def temperature_drift_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
     """The device grows weaker as the heat it turns out of motion and current warms it."""
-    s.yield_gain = s.yield_gain * wp.exp(wp.clamp(-values[row, at] * s.heat, -MOST, MOST))
-    s.viscous_gain = s.viscous_gain * wp.exp(wp.clamp(-values[row, at + 1] * s.heat, -MOST, MOST))
+    if values[row, at] != 0.0 or values[row, at + 1] != 0.0:
+        s.yield_gain = s.yield_gain * wp.exp(wp.clamp(-values[row, at] * s.heat, -MOST, MOST))
+        s.viscous_gain = s.viscous_gain * wp.exp(wp.clamp(-values[row, at + 1] * s.heat, -MOST, MOST))
     return s
 
 

@@ -15,9 +15,10 @@ def temperature_fade_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
     """The device grows weaker as its temperature rises, which was logged."""
-    rise = s.temperature - values[row, at + 2]
-    s.yield_gain = s.yield_gain * wp.exp(wp.clamp(-values[row, at] * rise, -MOST, MOST))
-    s.viscous_gain = s.viscous_gain * wp.exp(wp.clamp(-values[row, at + 1] * rise, -MOST, MOST))
+    if values[row, at] != 0.0 or values[row, at + 1] != 0.0:
+        rise = s.temperature - values[row, at + 2]
+        s.yield_gain = s.yield_gain * wp.exp(wp.clamp(-values[row, at] * rise, -MOST, MOST))
+        s.viscous_gain = s.viscous_gain * wp.exp(wp.clamp(-values[row, at + 1] * rise, -MOST, MOST))
     return s
 
 
