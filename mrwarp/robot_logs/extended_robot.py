@@ -14,6 +14,7 @@ import numpy as np
 from mrwarp.robot_logs.causes.cause import Cause
 from mrwarp.robot_logs.causes.edits import MjcfEdit, UsdEdit
 from mrwarp.robot_logs.causes.parameter import Parameter
+from mrwarp.robot_logs.replay_model import read_spec
 from mrwarp.robot_logs.robot_log import LogError
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robots.drives import Choices
@@ -107,8 +108,7 @@ def _in_usd(cause: Cause, *, from_mjcf: bool) -> bool:
 
 def _write_mjcf(d: RobotDiagnosis, change: Corrections, path: Path) -> str:
     """The source with the corrections, as MJCF; bodies state what was compiled of them."""
-    with silent():
-        spec = mujoco.MjSpec.from_file(str(d.model.path))
+    spec = read_spec(d.model.path)
     for name in ("meshdir", "texturedir"):
         own = getattr(spec, name)
         setattr(spec, name, os.path.relpath(d.model.path.resolve().parent / own, path.resolve().parent))

@@ -416,10 +416,23 @@ def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, 
     if not path.is_file():
         raise LogError(f"{path}: {no_file(path, 'robot')}; --robot names an MJCF (.xml), URDF or USD file")
     try:
-        with silent():
-            return mujoco.MjSpec.from_file(str(path)), {}, {}, ""
+        return read_spec(path), {}, {}, ""
     except Exception as error:  # MuJoCo raises several types
         raise LogError(f"{path}: MuJoCo cannot read it ({one_line(error)}); correct it there") from None
+
+
+def read_spec(path: Path) -> mujoco.MjSpec:
+    """An MJCF or URDF as MuJoCo reads it, but for a URDF's fixed links without inertial: those have no mass.
+
+    MuJoCo gives their shapes the density of water: those of a Go2's calves would weigh 0.19 kg.
+    """
+    with silent():
+        spec = mujoco.MjSpec.from_file(str(path))
+    if path.suffix == ".urdf":
+        for body in (x for x in spec.bodies if not x.explicitinertial and not x.joints):
+            for geom in body.geoms:
+                geom.density = 0.0
+    return spec
 
 
 def _torque_limits(spec: mujoco.MjSpec) -> dict[str, list[float]]:

@@ -1,5 +1,6 @@
-"""The robot of a log in MuJoCo: where its feet end, and which of them stand."""
+"""The robot of a log in MuJoCo: its mass, where its feet end, and which of them stand."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -7,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mrwarp.robot_logs.replay_model import _sole
+from mrwarp.robot_logs.replay_model import _sole, read_spec
 from mrwarp.robot_logs.windows import _loaded
 from mrwarp.sysid.settings import Settings
 
@@ -51,3 +52,21 @@ def test_a_foot_that_lands_or_lifts_does_not_stand() -> None:
     force = np.array([0.0] * 40 + [16.0, 24.0] + [40.0] * 40)
     run: Any = SimpleNamespace(samples=len(force), feet={"FL": force})
     assert _loaded(model, run)[:, 0].tolist() == [False] * 41 + [True] * 41
+
+
+def test_a_fixed_link_without_inertial_has_no_mass(tmp_path: Path) -> None:
+    """In a URDF a shape has no density; MuJoCo alone would add 1 kg of water for this one."""
+    inertia = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    links = "".join(
+        f'<link name="{x}"><inertial><mass value="2"/>{inertia}</inertial></link>' for x in ("trunk", "leg")
+    )
+    sole = '<link name="sole"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    joints = (("trunk", "leg", "revolute"), ("leg", "sole", "fixed"))
+    rest = "".join(
+        f'<joint name="{b}" type="{kind}"><parent link="{a}"/><child link="{b}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="9" velocity="9"/></joint>'
+        for a, b, kind in joints
+    )
+    (tmp_path / "robot.urdf").write_text(f'<robot name="robot">{links}{sole}{rest}</robot>')
+    model = read_spec(tmp_path / "robot.urdf").compile()
+    assert model.body("leg").mass[0] == pytest.approx(2.0)

@@ -11,6 +11,7 @@ import numpy as np
 from mrwarp.env.natural_units import Scales, scales
 from mrwarp.env.sim_model import build_scene, shape_name
 from mrwarp.params import MrParams
+from mrwarp.robot_logs.replay_model import read_spec
 from mrwarp.robot_logs.robot_log import LogError
 from mrwarp.robot_logs.virtual.hidden_effects import Places
 from mrwarp.run_dir import no_file, one_line
@@ -80,7 +81,7 @@ def describe(robot: str) -> Description:
         )
     try:
         with silent():
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = read_spec(path)
             model = spec.compile()
     except Exception as error:  # MuJoCo raises several types
         raise LogError(f"{path}: MuJoCo cannot read it ({one_line(error)}); correct it there") from None
