@@ -17,13 +17,8 @@ from mrwarp.identify.replay import EffectReplay
 from mrwarp.model_file import JOINT_UNITS
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.sysid.settings import Effort, Law, Settings
+from tests.identify.synthetic import DT, TRUTH
 
-TRUTH = {
-    "D": -0.01917639, "B": 0.1013626, "C": 0.2160456, "I1": -7.681742e-4, "K0": 0.3992754, "K1": 10.413315,
-    "alpha": 0.7777051, "beta": 16.50618, "gamma": -10.53036,
-}  # fmt: skip
-"""Paper section 4.2."""
-DT = 0.005
 SIGMA = 0.02
 QUICK = Settings(law=Law(structured=100.0), effort=Effort(starts_on=600, samples=600))
 """Of whole diagnoses without a comparison of laws, and with little boosting."""

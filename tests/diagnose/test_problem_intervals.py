@@ -8,10 +8,10 @@ import pytest
 from scipy.stats import t as student
 
 from mrwarp.diagnose.problem import covariance, interval
-from mrwarp.identify.dataset import Dataset, Scales
 from mrwarp.identify.noise import Noise
 from mrwarp.identify.normal_equations import NormalEquations
 from tests.diagnose import known
+from tests.identify.synthetic import samples
 
 TRUE = np.array([1.0, -2.0, 0.5])
 
@@ -19,22 +19,12 @@ TRUE = np.array([1.0, -2.0, 0.5])
 def regression(seed: int, runs: int, *, count: int = 100, sigma: float = 0.3, scatter: float = 0.0) -> Any:
     """A fit of three columns to runs * count samples; each run's true coefficients scatter."""
     rng = np.random.default_rng(seed)
-    zero = np.zeros(runs * count)
-    samples = Dataset(
-        q=zero,
-        qd=zero,
-        current=zero,
-        torque=zero,
-        start=np.arange(runs + 1) * count,
-        dt=np.full(runs, 0.005),
-        scales=Scales(),
-    )
     x = rng.normal(size=(3, runs * count)) * np.array([1.0, 10.0, 0.1])[:, None]
     own = TRUE[:, None] + scatter * rng.normal(size=(3, runs)) / np.array([1.0, 10.0, 0.1])[:, None]
     y = (x * own.repeat(count, axis=1)).sum(0) + sigma * rng.normal(size=runs * count)
     noise = Noise(whitening=np.ones(1), sigma=sigma, rms=sigma, offset=0.0, gain=0.0)
     plain = np.linalg.lstsq(x.T, y, rcond=None)[0]
-    equations = NormalEquations([x, (y - plain @ x)[None]], zero, samples, noise, np.ones(runs * count))
+    equations = NormalEquations([x, (y - plain @ x)[None]], 0.0 * y, samples([count] * runs), noise, np.ones(len(y)))
     return SimpleNamespace(x=plain, equations=equations, table=x, sigma=sigma, least_variance=None)
 
 
@@ -92,12 +82,9 @@ def test_redundant_column_has_a_finite_interval() -> None:
     fit = regression(5, 6)
     table = np.vstack([fit.table, fit.table[0]])
     zero = np.zeros(table.shape[1])
-    samples = Dataset(
-        q=zero, qd=zero, current=zero, torque=zero, start=np.arange(7) * 100, dt=np.full(6, 0.005), scales=Scales()
-    )
     noise = Noise(whitening=np.ones(1), sigma=0.3, rms=0.3, offset=0.0, gain=0.0)
     rows = np.vstack([table, np.random.default_rng(6).normal(size=len(zero))])
-    equations = NormalEquations([rows], zero, samples, noise, np.ones(len(zero)))
+    equations = NormalEquations([rows], zero, samples([100] * 6), noise, np.ones(len(zero)))
     twice: Any = SimpleNamespace(x=np.zeros(4), equations=equations, least_variance=None)
     assert np.isfinite(covariance(twice)).all()
 

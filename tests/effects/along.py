@@ -9,12 +9,10 @@ import warp as wp
 
 from mrwarp.effects.catalogue import NULLS, SLOTS, column_of
 from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
+from tests.identify import synthetic
 
 EPS = float(np.finfo(np.float32).eps)
-TRUTH = {
-    "D": -0.01917639, "B": 0.1013626, "C": 0.2160456, "I1": -7.681742e-4, "K0": 0.3992754, "K1": 10.413315,
-    "alpha": 0.7777051, "beta": 16.50618, "gamma": -10.53036, "q_zero": 0.03,
-}  # fmt: skip
+TRUTH = {**synthetic.TRUTH, "q_zero": 0.03}
 """Paper section 4.2, with a zero of the angle."""
 
 Effects = Mapping[str, Mapping[str, float]]

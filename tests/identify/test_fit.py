@@ -10,7 +10,6 @@ import pytest
 import warp as wp
 
 from mrwarp.cli import main
-from mrwarp.identify.dataset import Scales
 from mrwarp.identify.fit import PARAMETERS, fit, fit_holding
 from mrwarp.identify.replay import simulate
 from mrwarp.model_file import load_model
@@ -75,18 +74,6 @@ def test_correlations_say_how_errors_go_together() -> None:
     for sign, name in ((1.0, "loading rate beta+gamma"), (-1.0, "unloading rate beta-gamma")):
         square = errors["beta"] ** 2 + errors["gamma"] ** 2 + 2.0 * sign * r * errors["beta"] * errors["gamma"]
         assert result.combinations[name].half == pytest.approx(square**0.5, rel=0.3)
-
-
-def test_fit_is_free_of_scale() -> None:
-    """The device as a 2 kN linear damper: every parameter is the converted one, to float32's accuracy."""
-    joint = synthetic.bench_like(6, runs=8)
-    other = synthetic.scaled(joint, 0.02, 0.7, 800.0, {"q": "m", "current": "A", "torque": "N"})
-    factor = Scales(q=0.02, current=0.7, torque=800.0).factor
-    a, b = fit(joint), fit(other)
-    for name in PARAMETERS:
-        width = a.estimates[name].half * factor(name)
-        assert abs(b.estimates[name].value - a.estimates[name].value * factor(name)) < 0.02 * width, name
-    assert b.nrmse == pytest.approx(a.nrmse, rel=1e-3)
 
 
 def test_same_seed_same_bits() -> None:

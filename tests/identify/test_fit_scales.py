@@ -1,7 +1,5 @@
 """A fit reaches its optimum at any sizes: micrometres or radians, millinewtons or kilonewtons."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,21 +10,13 @@ from mrwarp.recording.load import Recording, Trajectory
 from tests.identify import synthetic
 
 
-def _scaled(recording: Recording, q: float, current: float, torque: float) -> Recording:
-    runs = (
-        replace(run, q=q * run.q, qd=q * run.qd, current=current * run.current, torque=torque * run.torque)
-        for run in recording.trajectories
-    )
-    return replace(recording, trajectories=tuple(runs))
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_a_fit_scales_with_its_data(seed: int) -> None:
     """A device in other units of motion, current and torque: equal error, parameters in proportion."""
     rng = np.random.default_rng(seed)
     factors = {"q": 10 ** rng.uniform(-6, 1), "current": 10 ** rng.uniform(-3, 3), "torque": 10 ** rng.uniform(-4, 3)}
     recording = synthetic.bench_like(0, runs=4, seconds=2.0)
-    plain, scaled = fit(recording), fit(_scaled(recording, **factors))
+    plain, scaled = fit(recording), fit(synthetic.scaled(recording, **factors, units=dict(recording.units)))
     assert scaled.nrmse == pytest.approx(plain.nrmse, rel=1e-3)
     for name in PARAMETERS:
         q, current, torque = DIMENSIONS[name]

@@ -26,6 +26,7 @@ from mrwarp.trials.walking import make_env, measure
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.live_view import Player, open_sink
 from mrwarp.viewing.viewer import Viewer, free_port
+from tests.messages import Refused
 
 
 def write_policy(path: Path, *, actions: int = 12, seed: int = 2, **changes: Any) -> Path:
@@ -82,7 +83,7 @@ REFUSED: dict[str, tuple[list[str], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, refused: Refused) -> None:
     """Exit code 2, one line on stderr that names option and value, and nothing written."""
     text = tmp_path / "notes.txt"
     text.write_text("no policy\n")
@@ -93,13 +94,8 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
     args, parts = REFUSED[what]
     before = sorted(tmp_path.iterdir())
     outputs = [] if {"--rrd", "--png", "--out", "--connect"} & set(args) else ["--rrd", f"{tmp_path}/out/walk.rrd"]
-    code = main(["play", *(arg.format(**names) for arg in args), *outputs])
-    captured = capsys.readouterr()
-    assert code == 2
-    assert captured.err.startswith("mrwarp play: ")
-    assert captured.err.count("\n") == 1 and captured.err.endswith("\n") and "Traceback" not in captured.err
-    for part in parts:
-        assert part.format(**names) in captured.err
+    error = refused("play", *(arg.format(**names) for arg in args), *outputs)
+    assert all(part.format(**names) in error for part in parts), error
     assert sorted(tmp_path.iterdir()) == before and text.read_text() == "no policy\n"
 
 

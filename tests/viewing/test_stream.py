@@ -113,18 +113,6 @@ def test_viewer_that_goes_away_is_survived(walk: Any, viewer: Viewer, end: str) 
     assert longest < 0.5 and time.perf_counter() - started < 8.0
 
 
-def test_complete_stream_says_so(walk: Any, viewer: Viewer) -> None:
-    """A viewer that takes everything: closing returns True."""
-    recording = rr.RecordingStream("test")
-    live_view.connect(recording, viewer.url)
-    robots = RobotLogger(walk.env.sim.scene, walk.currents, recording)
-    frames = FrameStream(robots.log, drop=True, batch=5)
-    for i in range(60):
-        frames.log(walk.frames[i : i + 1])
-    assert frames.close(timeout=20.0) and live_view.disconnect(recording, timeout=20.0)
-    assert frames.dropped == 0
-
-
 def test_connect_refuses_what_is_no_viewer() -> None:
     """Nobody there, and addresses that are none of rerun's: a message that says what to do."""
     recording = rr.RecordingStream("test")
