@@ -256,19 +256,6 @@ def test_coil_lag_is_the_lag_of_the_parameters() -> None:
         assert_bit_equal({name: got[name] for name in names}, {name: want[name] for name in names})
 
 
-def test_delay_is_a_line_through_the_past_commands() -> None:
-    """A command step reaches the coil after 3.44 steps, interpolated over the fourth; before it, nothing flows."""
-    delay = make_effect("command_delay", {"delay": 3.44 * DT})
-    rig = Rig((delay,), num_envs=1, params=OPEN)
-    flowing = []
-    for _ in range(8):
-        rig.step(
-            q=np.array(-1.5), qd=np.array(1.0), q_des=np.array(-2.5), f_foot=np.array(10.0), current_e=np.array(1.0)
-        )
-        flowing.append(rig.actuator.current.numpy()[0, 0])
-    np.testing.assert_allclose(flowing, [0, 0, 0, 0.56, 1, 1, 1, 1], atol=1e-5)
-
-
 def test_heat_follows_its_differential_equation() -> None:
     """At constant power the heat is P*T*(1 - exp(-t/T)), to the first-order error P*dt of the step."""
     drift = make_effect("temperature_drift", {"yield_loss": 0.0, "viscosity_loss": 0.0, "time_constant": 0.5})

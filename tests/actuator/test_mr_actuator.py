@@ -164,19 +164,6 @@ def test_history_holds_what_the_joint_did():
     np.testing.assert_allclose(ring, np.stack(seen[-WINDOW:], axis=2), rtol=1e-6, atol=1e-6)
 
 
-def test_shared_and_own_parameters_give_the_same_result():
-    """One row of parameters for all, or the same row for each environment: bit-equal over 30 steps."""
-    shared, own = Bench(5, share_params=True), Bench(5, share_params=False)
-    rng = np.random.default_rng(27)
-    for _ in range(30):
-        x = random_inputs(rng, 5)
-        shared.step(**x)
-        own.step(**x)
-    a, b = shared.everything(), own.everything()
-    assert (a.pop("params").shape, b.pop("params").shape) == ((1, 2, len(FIELDS)), (5, 2, len(FIELDS)))
-    assert_bit_equal(a, b)
-
-
 def test_param_is_a_live_view_of_each_parameter():
     """Each name reads its own value, writing one changes that one alone; an unknown name is refused."""
     actuator = Bench(3, share_params=False).actuator

@@ -94,16 +94,6 @@ def test_with_all_effects_off_it_is_eq_14_and_15():
     assert tolerance < 1e-3
 
 
-def test_hysteresis_depends_on_the_path_only():
-    """Slow and fast runs over the same path give the same z (rate independence of eq. 15)."""
-    only_z = P.replace(alpha=0.0, B=0.0, C=0.0, D=0.0, I1=0.0)
-    slow = run(params=only_z).torque[::2]
-    fast = run(params=only_z, q=Q[::2]).torque
-    # twice the sampling step: the path lost at reversals is four times as long
-    tolerance = (BW.K0 + BW.K1) * (1 + (BW.beta - BW.gamma) * BW.z_bound) * AMPLITUDE * OMEGA**2 * DT**2
-    assert np.abs(slow - fast).max() < tolerance
-
-
 def test_monotonic_loading_has_the_closed_form():
     """From rest z = (1 - exp(-(beta + gamma)*s))/(beta + gamma), exactly, for any step."""
     only_z = P.replace(alpha=0.0, B=0.0, C=0.0, D=0.0, I1=0.0)
@@ -206,13 +196,6 @@ def test_remanence_keeps_part_of_the_field():
     assert field[190] == pytest.approx(0.9, abs=1e-6)
     assert field[-1] == pytest.approx(0.1, abs=1e-6)
     assert field[50] == 0.0
-
-
-def test_torque_sensor_lag_trails_a_ramp_by_its_time_constant():
-    """The reading of a steadily rising torque is late by T."""
-    only_c = P.replace(B=0.0, D=0.0, I1=0.0, K0=0.0, K1=0.0, C=1.0, q_offset=0.0, q_center=0.0)
-    log = run({"torque_sensor_lag": 0.01}, only_c, q=2.0 * TIME)
-    assert log.torque[-1, 0] == pytest.approx(2.0 * (T[-1] - 0.01), abs=1e-9)
 
 
 def test_velocity_lag_delays_qd_and_nothing_else():

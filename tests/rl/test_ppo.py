@@ -170,12 +170,9 @@ def first_rollout() -> int:
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-@pytest.mark.parametrize("side_by_side", [True, False])
-def test_update_is_that_of_rsl_rl(dtype: torch.dtype, side_by_side: bool, first_rollout: int) -> None:
+def test_update_is_that_of_rsl_rl(dtype: torch.dtype, first_rollout: int) -> None:
     """Three updates on the same rollouts and mini-batches: weights, statistics, optimiser, learning rates, losses."""
     ours, theirs = construct(PPO, dtype), construct(algorithms.PPO, dtype)
-    if not side_by_side:
-        ours._learn_side_by_side = ours._learn_in_turn
     rates, rtol = [], rounding(dtype)
     for k in range(3):
         collect(ours, first_rollout + k, dtype)
