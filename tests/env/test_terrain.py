@@ -1,4 +1,4 @@
-"""Terrain: the field's shape, its height under a point, the curriculum, and robots that stand and resume on it."""
+"""Terrain: the field's shape, its height under a point, the curriculum, and robots that stand on it."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -188,31 +188,6 @@ def test_robots_stand_on_every_tile() -> None:
     assert float(clearance[loaded].abs().max()) < 0.012
     assert bool(((env.height - STAND_HEIGHT).abs() < 0.08).all())
     assert int(env.sim.unsolved.numpy().sum()) <= 0.005 * 30 * 4 * 36
-
-
-def test_training_on_the_field_resumes_to_the_bit() -> None:
-    """60 steps with resets and moves between levels, saved and loaded: the next 60 have the same bits."""
-    cfg = rough_cfg(12, episode_seconds=0.4)
-    generator = torch.Generator().manual_seed(0)
-    actions = [2.0 * torch.rand(12, 12, generator=generator) - 1.0 for _ in range(120)]
-    first, second = WalkEnv(cfg), WalkEnv(cfg)
-    for action in actions[:60]:
-        first.step(action)
-    state = first.state()
-    assert {f"terrain/{name}" for name in ("level", "kind", "walked", "commanded")} <= state.keys()
-    second.load_state(state)
-    for action in actions[60:]:
-        ours, theirs = first.step(action), second.step(action)
-        assert torch.equal(ours[0]["critic"], theirs[0]["critic"]) and torch.equal(ours[1], theirs[1])
-    assert first.terrain is not None and second.terrain is not None
-    assert torch.equal(first.arrays.level, second.arrays.level)
-
-
-def test_flat_ground_has_no_terrain_in_its_state() -> None:
-    """Flat training is what it was: no field, no state of it, no draws for it."""
-    env = WalkEnv(TaskCfg(num_envs=2))
-    assert env.terrain is None and not any(name.startswith("terrain/") for name in env.state())
-    assert not env.arrays.ground.any() and not env.arrays.foot_ground.any()
 
 
 @pytest.mark.slow

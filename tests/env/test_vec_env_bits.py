@@ -88,13 +88,13 @@ def test_state_goes_on_on_a_gpu() -> None:
         assert torch.equal(first[2], second[2])
 
 
-@pytest.mark.parametrize("inference", [False, True])
-def test_state_goes_on_bit_equal(inference: bool) -> None:
+@pytest.mark.parametrize(("inference", "terrain"), [(False, "flat"), (True, "flat"), (False, "rough")])
+def test_state_goes_on_bit_equal(inference: bool, terrain: str) -> None:
     """With noise, randomisation, pushes and resets: another object that loads the state repeats 30 steps exactly.
 
     The other object has a past of its own, also one under ``torch.inference_mode``, as in training.
     """
-    cfg = make_cfg(8, seed=7, episode_seconds=0.7)
+    cfg = make_cfg(8, seed=7, episode_seconds=0.7, terrain=terrain)
     env, other = WalkEnv(cfg), WalkEnv(cfg)
     actions = random_actions(50, 8, scale=1.0)
     for action in actions[:20]:
@@ -112,6 +112,7 @@ def test_state_goes_on_bit_equal(inference: bool) -> None:
         assert_same_state(env, other)  # float64: sees what observations round away
         resets += int(first[2].sum())
     assert resets > 0
+    assert terrain == "flat" or not torch.equal(env.state()["terrain/level"], state["terrain/level"])
 
 
 def test_state_is_a_copy() -> None:
