@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -123,6 +124,8 @@ class ReplayModel:
     """Largest torque of gravity at each joint of a robot that is held, along the log [N·m], shape (J,); else 0."""
     sink: np.ndarray
     """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
+    held: tuple[str, ...] = ()
+    """Joints that the log does not have and a drive holds: they do not move."""
     hidden: Hidden | None = None
     """A motion that may explain what rigid bodies do not."""
     settings: Settings = field(default_factory=Settings)
@@ -192,6 +195,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
             raise LogError(f"{path}: there is no body that could float; the log says base = free")
         body.add_freejoint()
     _check_joints(path, log, [joint.name for joint in spec.joints])
+    held = _hold(spec, log.joints, drives)
     limits = _torque_limits(spec) | drives
     _drive(spec, log, limits)
     if log.base == "free" and not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in spec.worldbody.geoms):
@@ -229,6 +233,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         device=device,
         weight=np.zeros(len(ids)) if free else _weight(model, log, model.jnt_qposadr[ids], model.jnt_dofadr[ids]),
         sink=_sink(model, _feet(model)) if free else np.zeros(0),
+        held=held,
     )
     many = path.suffix == ".urdf" and len(set(found.limbs.values())) >= FEWEST_LEGS
     return replace(found, legged=True) if many else found
@@ -241,6 +246,24 @@ def _check_joints(path: Path, log: RobotLog, known: list[str]) -> None:
             near = difflib.get_close_matches(joint, known, 1)
             hint = f"; is it {near[0]}?" if near else "; name the log's joints as the robot does, in joints of a map"
             raise LogError(f"{path}: the log's joint {joint} is not among the robot's ({', '.join(known)}){hint}")
+
+
+def _hold(spec: mujoco.MjSpec, logged: Sequence[str], drives: Iterable[str]) -> tuple[str, ...]:
+    """Take out joints that are not ``logged`` and that a drive holds; returns their names.
+
+    A description that names no drive, as a URDF, has one at each joint. Joints without a drive are passive, as springs
+    and casters; what a constraint or a tendon ties to others stays, too.
+    """
+    targets = {drive.target for drive in spec.actuators} | set(drives)
+    if spec.equalities or spec.tendons:
+        return ()
+    turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    found = [joint for joint in spec.joints if joint.type in turning and joint.name not in logged]
+    found = [joint for joint in found if joint.name in targets or not targets]
+    names = tuple(joint.name for joint in found)
+    for joint in found:
+        spec.delete(joint)
+    return names
 
 
 def _drive(spec: mujoco.MjSpec, log: RobotLog, limits: dict) -> None:

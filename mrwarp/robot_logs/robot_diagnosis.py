@@ -195,6 +195,9 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
     """
     progress(f"{READING}: {robot}")
     known, model = len(log.notes), replace(replay_model(robot, log, device), settings=settings)
+    if model.held:
+        note = f"{', '.join(model.held)}: not in the log, so held where the description has them"
+        log = replace(log, notes=(*log.notes, note))
     log = consistent(model, check_commands(model, one_trunk(one_motion(log, model.settings), model.settings)))
     model = with_oscillator(model, log)
     least, effort = settings.robot.windows, settings.robot_fit

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mrwarp.robot_logs.replay_model import _sole, read_spec
+from mrwarp.robot_logs.replay_model import _hold, _sole, read_spec
 from mrwarp.robot_logs.windows import _loaded
 from mrwarp.sysid.settings import Settings
 
@@ -70,3 +70,24 @@ def test_a_fixed_link_without_inertial_has_no_mass(tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text(f'<robot name="robot">{links}{sole}{rest}</robot>')
     model = read_spec(tmp_path / "robot.urdf").compile()
     assert model.body("leg").mass[0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("drives", "held"),
+    [
+        ('<motor joint="elbow"/><position joint="grip"/>', ("grip",)),  # the spring has no drive
+        ('<motor joint="elbow"/>', ()),
+        ("", ("spring", "grip")),  # as of a URDF, which names none
+    ],
+)
+def test_a_joint_that_the_log_lacks_is_held_by_its_drive(drives: str, held: tuple[str, ...]) -> None:
+    """Left to itself a gripper would swing in the replay, and its arm be blamed; passive joints do move."""
+    names, end = ("elbow", "spring", "grip"), "</body>" * 3
+    links = "".join(f'<body><joint name="{x}"/><geom size="0.1" mass="1"/>' for x in names)
+    spec = mujoco.MjSpec.from_string(
+        f"<mujoco><worldbody>{links}{end}</worldbody><actuator>{drives}</actuator></mujoco>"
+    )
+    assert _hold(spec, ["elbow"], ()) == held
+    for drive in spec.actuators:
+        spec.delete(drive)
+    assert spec.compile().nv == len(names) - len(held)
