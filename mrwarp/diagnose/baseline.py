@@ -269,7 +269,7 @@ def driven(motion: Motion, settings: Settings) -> bool:
             continue
         tau = motion.torque[rest] * np.sign(motion.torque[rest].mean())
         quarters = np.array([part.mean() for part in np.array_split(tau, 4)])  # the noise is not to grow
-        if np.ptp(motion.current[rest]) <= settings.gain.unchanging * motion.ranges.current:
+        if np.ptp(motion.current[rest]) <= settings.gain.share * motion.ranges.current:
             rises.append(float((quarters - np.minimum.accumulate(quarters)).max()) / size)
     return len(rises) >= settings.gain.few and float(np.median(rises)) > settings.gain.detail
 

@@ -86,7 +86,7 @@ def gaps(recording: Recording, settings: Settings | None = None) -> list[str]:
     """Questions left open although a verdict can be given; each names the recording to make."""
     from mrwarp.identify.checks.run_levels import levels_without_clock
 
-    unchanging = (settings or Settings()).gain.unchanging
+    unchanging = (settings or Settings()).gain.share
     runs = recording.trajectories
     current = np.concatenate([run.current for run in runs])
     top = float(np.abs(current).max())

@@ -249,7 +249,7 @@ def unexplained_of(
         return None
     if line is not None and line.gain > gain:
         return Unexplained(depends_on=("frequency",), form=f"a line at {line.frequency:.2f} Hz", share=share)
-    clear = [f for f in left[:3] if f.gain >= problem.settings.search.near * left[0].gain]
+    clear = [f for f in left[:3] if f.gain >= problem.settings.gain.half * left[0].gain]
     variables = dict.fromkeys(v for f in clear for v in f.group.variables)
     return Unexplained(depends_on=tuple(variables), form=left[0].group.form, share=share)
 
@@ -360,7 +360,7 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
             "for what changes from run to run, such as the mounting, the sensor's amplifier or the temperature"
         )
     moved, shares = drift_of_zero(motion, error, found.problem.weight)
-    if np.median(shares) > found.problem.settings.faults.drift:
+    if np.median(shares) > found.problem.settings.gain.half:
         size = measured(float(np.median(np.abs(moved))) * motion.scales.torque, found.problem.units["torque"])
         notes.append(
             f"{100 * np.median(shares):.0f} % of what is missed in a trajectory is a straight line in time, {size} "

@@ -46,7 +46,7 @@ def first_answer(
     """
     found = [_suspect(problem, base, c) for c in screened if base.total - c.total > threshold(problem, base)]
     found = [s for s in found if not would_be_negative(s.name, next(iter(s.parameters.values())).value)]
-    near, most = problem.settings.search.near, problem.settings.law.rivals
+    near, most = problem.settings.gain.half, problem.settings.law.rivals
     suspects = tuple(s for s in found if s.gain > near * found[0].gain)[:most]
     unknown = float("nan")
     return Diagnosis(

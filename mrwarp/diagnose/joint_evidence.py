@@ -59,7 +59,7 @@ class JointPlant:
         rest = [effect for effect in self.effects if effect not in fit.effects]
         looks = self.models.screened(fit, rest) if rest else []
         near = [
-            c for c in looks if fit.total - c.total > self.problem.settings.search.near * (fit.total - looks[0].total)
+            c for c in looks if fit.total - c.total > self.problem.settings.gain.half * (fit.total - looks[0].total)
         ]
         for candidate in (near or looks)[:_FITTED]:
             more = self.models.grown(fit, candidate)
@@ -74,7 +74,7 @@ class JointPlant:
 
     def swapped(self, fit: Fit, effect: str) -> Iterator[tuple[str, Fit]]:
         """Models that the search fitted with another effect in one's place."""
-        without, near = self.without(fit, effect), self.problem.settings.search.near
+        without, near = self.without(fit, effect), self.problem.settings.gain.half
         for name, other in self.models.swapped(fit, effect).items():
             enough = without.total - other.total > near * (without.total - fit.total)
             if enough and not impossible_size(name, other, self.ranges):

@@ -72,7 +72,7 @@ class Problem:
     def unchanging(self) -> bool:
         """Whether the control input is the same throughout."""
         current = self.motion.current
-        return bool(np.ptp(current) <= self.settings.gain.unchanging * np.abs(current).max())
+        return bool(np.ptp(current) <= self.settings.gain.share * np.abs(current).max())
 
     @property
     def impossible(self) -> tuple[str, ...]:

@@ -111,7 +111,7 @@ def groups_along(problem: Problem, fit: Fit) -> list[Group]:
     rows[:, LINEAR_PART] = 0.0
     rows[0, gains], rows[1, gains] = yielding, (1.0, 0.0)
     hysteretic, loop, added = problem.replay.torque(rows).astype(float)  # effects may add torque of their own
-    return make_groups(problem.motion, loop - added, hysteretic - added, problem.settings.gain.unchanging)
+    return make_groups(problem.motion, loop - added, hysteretic - added, problem.settings.gain.share)
 
 
 def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray, unchanging: float) -> list[Group]:

@@ -271,7 +271,7 @@ class JointSearch:
 def _grow(models: Models, on: Fit, passing: Sequence[Candidate]) -> Fit:
     """Best of the models with one more effect, among candidates with at least half of the best first look's gain."""
     top = on.total - passing[0].total
-    near = [c for c in passing if on.total - c.total > models.problem.settings.search.near * top][:5]
+    near = [c for c in passing if on.total - c.total > models.problem.settings.gain.half * top][:5]
     return _simplest(models.problem, [models.grown(on, c) for c in near], on)
 
 

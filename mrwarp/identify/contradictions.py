@@ -213,7 +213,7 @@ def _unrelated(
             f"{quantity('q', recording.units)}, is turned against eq. 14, or the motion answers to the {torque_name} "
             "as in a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
         ]
-    varies = recording.units["current"] in _COIL and np.ptp(current) > settings.gain.unchanging * np.abs(current).max()
+    varies = recording.units["current"] in _COIL and np.ptp(current) > settings.gain.share * np.abs(current).max()
     unrelated = with_current > 1.0 - settings.gain.share and not follows_place(recording, settings.rest.unreported)
     constant = varies and unexplained - with_current < settings.gain.floor * with_current
     if (unrelated or constant) and (hardly := hardly_moves([run.q for run in runs], recording.units)):

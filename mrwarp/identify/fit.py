@@ -255,7 +255,7 @@ def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnin
     errors = [(sim - run.torque)[run.known] for sim, run in zip(torques, runs, strict=True)]
     groups: dict[str, list[np.ndarray]] = {}
     for run, error in zip(runs, errors, strict=True):
-        constant = np.ptp(run.current) <= Gain.unchanging * max(1e-9, float(np.abs(run.current).max()))
+        constant = np.ptp(run.current) <= Gain.share * max(1e-9, float(np.abs(run.current).max()))
         groups.setdefault(f"{np.median(run.current):.3g}" if constant else "varying", []).append(error)
     rmse = rms(np.concatenate(errors))
     return {

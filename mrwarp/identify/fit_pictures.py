@@ -19,7 +19,7 @@ def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit
     """Measured against simulated torque over angle (or displacement) and velocity, one column per current."""
     groups: dict[str, int] = {}
     for k, run in enumerate(recording.trajectories):
-        constant = np.ptp(run.current) <= Gain.unchanging * max(1e-9, abs(run.current).max())
+        constant = np.ptp(run.current) <= Gain.share * max(1e-9, abs(run.current).max())
         key = f"{run.current[0]:.3g} {recording.units['current']}" if constant else "varying current"
         best = groups.get(key)
         if best is None or run.qd.std() > recording.trajectories[best].qd.std():

@@ -381,7 +381,7 @@ def _loaded(model: ReplayModel, run: LogRun) -> np.ndarray:
         if len(own) == 1:
             least, most = np.nanquantile(own[0], (0.1, 0.9))
             if most > 0.0:
-                bears = own[0] > least + model.settings.robot.loaded * (most - least)
+                bears = own[0] > least + model.settings.gain.half * (most - least)
                 found[:, k] = bears if most - least > model.settings.gain.half * most else True
     return found
 

@@ -50,7 +50,7 @@ def find_spikes(
     for along in (np.sign(samples.qd), np.sign(usual - np.median(simulated))):
         if _has_one_sign(left * along, far & ~stuck, settings):
             # of a joint that goes one way, spikes of one sign are along the motion, too
-            far &= alone if abs(float(along.mean())) > spikes.one_sign else stuck
+            far &= alone if abs(float(along.mean())) > settings.gain.half else stuck
     carried = float(np.sum(left[far] ** 2))
     heavy = carried > settings.gain.part * float(np.sum(left[counts] ** 2))
     large = carried > spikes.size**2 * float(np.var(samples.torque[counts])) * int(counts.sum())
@@ -62,7 +62,7 @@ def _has_one_sign(along: np.ndarray, far: np.ndarray, settings: Settings) -> boo
     stretches = np.cumsum(np.diff(far.astype(int), prepend=0) == 1) * far
     count = int(stretches.max(initial=0))
     sums = np.bincount(stretches, weights=along, minlength=count + 1)[1:]
-    one_sign = abs(float(sums.sum())) > settings.spikes.one_sign * float(np.abs(sums).sum())
+    one_sign = abs(float(sums.sum())) > settings.gain.half * float(np.abs(sums).sum())
     return one_sign and float(binomtest(int((sums > 0.0).sum()), count).pvalue) < settings.gain.chance
 
 

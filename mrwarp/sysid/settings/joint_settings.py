@@ -33,18 +33,16 @@ class Gain(Checked):
     motion, a single step over the noise."""
     share: float = setting(0.02, 0.0, 1.0, fewer="idle refinements", more="missed ones")
     """Share of the squares, of samples or of a range up to which something is next to nothing: what a refinement gains,
-    a trajectory says, or a model explains."""
+    a trajectory says, a model explains, or a control input changes that stays the same."""
     few: int = setting(4, 2, 100, fewer="chance findings", more="questions that stay open in short data")
     """Fewest runs, rests or spectra among which a gain can be distinguished from chance."""
     half: float = setting(0.5, 0.0, 1.0, fewer="missed differences", more="false ones")
-    """Ratio of two squares, spreads or powers below which one is clearly less than the other, and share of a variance,
-    of a range or of full correlation from which it is most of it."""
+    """Ratio of two squares, spreads, powers or gains below which one is clearly less than the other, and share of a
+    variance, of a sum, of a range or of full correlation from which it is most of it."""
     detail: float = setting(0.05, 0.0, 1.0, fewer="findings of no use", more="missed small ones")
     """Share of the torque's standard deviation up to which a mismatch, a moved zero or a growth at rest is a detail."""
     chance: float = setting(1e-3, 0.0, 1.0, fewer="missed laws", more="accidents taken for laws")
     """Largest chance of an agreement that is no accident: of runs with a drift, of stretches with the motion."""
-    unchanging: float = setting(0.02, 0.0, 1.0, fewer="effects of the control input by its noise", more="missed ones")
-    """Change of the control input, as a share of its largest value, up to which it stays the same."""
     part: float = setting(
         0.2,
         0.0,
@@ -70,8 +68,6 @@ class Search(Checked):
     """Part of an effect's gain that must remain next to free functions of its rest."""
     kept_next_to_more: float = setting(0.5, 0.01, 1.0, fewer="proxies", more="missed causes next to others", by=RATES)
     """That part where the free functions gain much more than the effect."""
-    near: float = setting(0.5, 0.0, 1.0, fewer="fits and parts of a finding", more="wrong first guesses")
-    """Part of the best one's gain from which others are looked at, and reported, as well."""
     taken_up: float = setting(0.3, 0.0, 1.0, fewer="missed causes", more="proxies of other structure")
     """Part of a structure's gain before the effects that they have to leave of it: what they have mostly taken up is
     their own law in another form."""

@@ -45,9 +45,6 @@ class Faults(Checked):
     """After rescaling, a run's error may be at most this multiple of the median run's."""
     explained: float = setting(0.8, 0.0, 1.0, fewer="missed zeros", more="loads taken for zeros")
     """Share of the offsets' variance that place and control input of the runs may explain."""
-    drift: float = setting(0.5, 0.0, 1.0, fewer="slow noise taken for a drift", more="missed drifts")
-    """Share of what a model misses of a trajectory that a straight line in time takes from which the torque's zero
-    drifts; half of the trajectories have it."""
     other: float = setting(2.0, 1.0, 100.0, fewer="false other devices", more="missed ones", by=RATES)
     """Least factor by which the other group's coefficients leave more of each run than its own group's, and of the
     middle run than its own group's without it."""
@@ -72,8 +69,6 @@ class Spikes(Checked):
     """Time after a reversal or a step of the control input in which a law may show [s]."""
     locked: float = setting(3.0, 1.0, 100.0, fewer="missed spikes", more="missing laws taken for spikes")
     """Ratio of the rates of far samples in these times and outside, from which they belong to the events."""
-    one_sign: float = setting(0.5, 0.0, 1.0, fewer="missed spikes", more="missing laws taken for spikes")
-    """Part of a sum, in size, that one sign has over the other from which it has that sign: three quarters have it."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,9 +43,6 @@ class Robot(Checked):
     quiet: float = setting(0.3, 0.0, 0.9, fewer="windows that begin while a foot lands", more="readings left out")
     """Part of a window of a robot on its feet that may be left out before it, until joints and trunk keep their speed:
     the speed at its start is an average over some samples, and wrong while a foot lands."""
-    loaded: float = setting(0.5, 0.0, 1.0, fewer="feet that land or lift", more="standing feet that do not count")
-    """Share of a foot's range of readings beyond which it bears load and stays where it is: below it feet land or lift,
-    those of a Go1 with soft soles at up to 0.5 m/s."""
     worst: float = setting(4.0, 1.0, 100.0, fewer="windows left out", more="falls and pushes that are fitted")
     """A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot.
     Others count less, the more is left in them than in the median one: small errors of some grow to large ones."""
