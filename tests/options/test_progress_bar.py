@@ -122,6 +122,7 @@ def test_a_log_is_diagnosed_in_stages() -> None:
         assert ("round 2 of 4" in shown) == live and ("44%" in shown) == live
         assert live or len(shown.splitlines()) == 3
     assert list(stages.BEGINS.values()) == sorted(stages.BEGINS.values())
+    assert all(stage_of(f"10 of 10 {stage}").endswith(stage) for stage in stages.BEGINS)
 
 
 def test_a_training_says_how_long_it_typically_takes() -> None:
