@@ -183,7 +183,5 @@ class _Trials:
 
         multiples = self.described.settings.robot_fit.multiples
         tried = [np.clip(theta + times * change, low, high) for times in multiples]
-        if max(each := gains(*tried)) <= 0.0:
-            return None
-        best = self.searched(tried[int(np.argmax(each))], members, prior)
+        best = self.searched(tried[int(np.argmax(gains(*tried)))], members, prior)
         return best if gains(best)[0] > least else None

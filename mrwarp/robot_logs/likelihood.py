@@ -306,8 +306,6 @@ def fit(
 ) -> tuple[np.ndarray, Likelihood, bool]:
     """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
 
-    A step that promises less than what ends a fit is not tried: it would end the fit, too.
-
     Derivatives and weights stay those of ``likelihood``, about ``theta`` where it is given, while steps gain what they
     promise; ``renew`` times they are taken again, None takes the settings'. Returned are parameters, shape (P,), the
     likelihood about them, and whether its derivatives are of there.
@@ -335,7 +333,7 @@ def fit(
         increase=10.0,
         most=30.0,
         least=1e-6,
-        predicted=lambda promised, loss: promised < settings.converged,
+        predicted=lambda promised, loss: False,
         gained=lambda gain, loss: gain < settings.converged,
         stale=lambda gain, promised: settings.converged <= gain < settings.trusted * promised,
         renewals=settings.renewals if renew is None else renew,

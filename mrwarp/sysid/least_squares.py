@@ -60,7 +60,7 @@ class Minimum:
     quadratic: Quadratic
     """The sum of squares about it."""
     fresh: bool
-    """Whether its derivatives were taken there, or one step before that gained too little to go on."""
+    """Whether its derivatives were taken there."""
 
 
 def minimise(
@@ -98,14 +98,13 @@ def minimise(
         there = about(trial) if seen is None else seen(trial, here)
         gain = here.loss - there.loss
         if there.loss < here.loss:
-            ended = rules.gained(gain, there.loss)
-            x, here, fresh, steps = trial, there, seen is None or (fresh and ended), steps - 1
+            x, here, fresh, steps = trial, there, seen is None, steps - 1
             damping = max(damping / rules.relief, rules.least)
             if not fresh and rules.stale is None:
                 here, fresh = about(x), True
             elif not fresh and rules.stale is not None and renewals and rules.stale(gain, promised):
                 here, fresh, renewals, damping = about(x), True, renewals - 1, rules.damping
-            if ended:
+            if rules.gained(gain, here.loss):
                 break
             continue
         damping *= rules.increase

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from mrwarp.resources import DEFAULT_POLICY
-from mrwarp.robot_logs import likelihood as of_logs
 from mrwarp.robot_logs import robot_fit
 from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.initial_guess import initial_guess
@@ -20,7 +19,7 @@ from mrwarp.robot_logs.selection import Found, Hypothesis, bounds_of
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, nuisances
 from mrwarp.robot_logs.windows import cut_windows
-from mrwarp.sysid.settings import RobotFit, Settings
+from mrwarp.sysid.settings import Settings
 from tests.robot_logs.arm_log import arm_log
 from tests.robot_logs.made_likelihood import made_likelihood, made_parameter
 
@@ -168,20 +167,6 @@ def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     settings = Settings().robot_fit
     assert found[0] == pytest.approx(0.9, rel=settings.factor ** (0.5**settings.narrowed) - 1.0)
-
-
-@pytest.mark.parametrize(("score", "tried"), [(1.3, 0), (1.5, 1)])
-def test_a_step_that_promises_too_little_is_not_replayed(
-    monkeypatch: pytest.MonkeyPatch, score: float, tried: int
-) -> None:
-    """It would end the fit: 1.3**2 is less than the 2.0 that a step has to gain, 1.5**2 is more."""
-    seen = made_likelihood(np.ones((1, 1, 1)), np.array([[score]]))
-    replays = []
-    monkeypatch.setattr(of_logs, "replayed", lambda e, m, g, p, x: (replays.append(x) or np.inf, e))
-    prior, bounds = np.zeros((1, 1)), (np.full(1, -9.0), np.full(1, 9.0))
-    model = SimpleNamespace(settings=Settings(robot_fit=RobotFit(renewals=0)))
-    found, *_ = of_logs.fit(model, [], [made_parameter()], np.zeros(1), seen, prior, *bounds, lambda _: None)
-    assert not found.any() and (len(replays) > 0) == tried
 
 
 def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest.MonkeyPatch) -> None:

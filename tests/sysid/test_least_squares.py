@@ -59,19 +59,6 @@ def test_derivatives_are_asked_for_at_better_points_only() -> None:
     assert all(a < best for a, best in asked) and len(asked) == count - len(worse)
 
 
-@pytest.mark.parametrize(("least", "fresh"), [(0.5, True), (0.01, False)])
-def test_a_last_step_that_gains_too_little_keeps_its_derivatives(least: float, fresh: bool) -> None:
-    """A step that gains 0.1: derivatives of where it began count as those of its end where less ends the search."""
-    start = Quadratic(0.1, np.eye(1), np.array([np.sqrt(0.1)]))
-    rules = Rules(gained=lambda gain, loss: gain < least, stale=lambda gain, promised: False)
-
-    def seen(x: np.ndarray, here: Quadratic) -> Quadratic:
-        return replace(here, loss=float((x[0] - np.sqrt(0.1)) ** 2), descent=np.sqrt(0.1) - x)
-
-    found = minimise(lambda x: start, np.zeros(1), -np.ones(1), np.ones(1), rules=rules, seen=seen, start=start)
-    assert found.x[0] == pytest.approx(np.sqrt(0.1), rel=1e-3) and found.fresh == fresh
-
-
 def test_a_number_that_is_drawn_inwards_is_let_go_of_its_bound() -> None:
     """The free minimum leaves a bound of the first number, and once the second is held too it comes back inside."""
     normal, low, high = np.array([[1.0, 0.9], [0.9, 1.0]]), np.zeros(2), np.full(2, np.inf)
