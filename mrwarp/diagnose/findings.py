@@ -16,7 +16,7 @@ from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice, misfits
-from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, of_runs, threshold
+from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import HIDDEN_MOTION, Rejection, impossible_size, without_effect
 from mrwarp.diagnose.residual_structure import LAG, Line, drift_of_zero
 from mrwarp.diagnose.result import REGIMES, Accounting, Diagnosis, Shift, Traces, Tried
@@ -350,8 +350,7 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
             "shows that what was quicker in its acceleration is noise"
         )
     error = found.problem.measured - found.held_out.predicted_extended
-    run = np.repeat(np.arange(len(motion.dt)), np.diff(motion.start))
-    varies = of_runs(error, found.held_out.predicted_extended, run, found.problem.weight)
+    varies = found.problem.of_runs(error, found.held_out.predicted_extended)
     part = float(np.sum(found.problem.weight * varies**2)) / max(float(np.sum(found.problem.weight * error**2)), 1e-300)
     if part > found.problem.settings.gain.half:
         notes.append(

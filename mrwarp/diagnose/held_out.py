@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.diagnose.checks.spikes import Spikes
-from mrwarp.diagnose.problem import Fit, Problem, of_runs
+from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.diagnose.search import Selection
 from mrwarp.identify.boosting import (
@@ -183,7 +183,7 @@ def account_of(
     samples = np.bincount(run, minlength=len(motion.dt))[pick].sum(axis=1)
     again, drawn = _spread(problem, after, at, pick)
     # a zero and a gain that differ from run to run do not repeat, and are not in what differs within a run
-    varies = np.bincount(run, of_runs(left, held.predicted_extended[at], run, np.ones(len(at))) ** 2, len(motion.dt))
+    varies = np.bincount(run, problem.of_runs(left, held.predicted_extended[at], at) ** 2, len(motion.dt))
     drawn = drawn * samples + varies[pick].sum(axis=1)
     clearly = problem.settings.rest.with_law if law else problem.settings.gain.half
     if again is not None and again * len(at) + varies.sum() < clearly * total[2]:

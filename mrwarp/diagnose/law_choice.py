@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model, of_runs, threshold
+from mrwarp.diagnose.problem import Fit, Problem, fit_model, threshold
 from mrwarp.diagnose.screening import Candidate, lacking_together
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, OF_PUBLISHED_LAWS
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, turn_back, zero_line, zeros_moved
@@ -201,9 +201,8 @@ def structured(problem: Problem, base: Fit) -> bool:
 
 def _left(problem: Problem, fit: Fit) -> np.ndarray:
     """Torque that a model leaves, without the zeros and gains by which trajectories differ, shape (N,)."""
-    left, motion = problem.motion.torque - fit.torque, problem.motion
-    run = np.repeat(np.arange(len(motion.dt)), np.diff(motion.start))
-    return left - of_runs(left, fit.torque, run, problem.weight)
+    left = problem.motion.torque - fit.torque
+    return left - problem.of_runs(left, fit.torque)
 
 
 def misfits(problem: Problem, fit: Fit) -> bool:

@@ -107,6 +107,22 @@ class Problem:
         threads = self.replay.threads
         return NormalEquations(blocks, torque, self.motion, self.noise, self.weight, threads, derivatives)
 
+    def of_runs(self, rest: np.ndarray, predicted: np.ndarray, at: np.ndarray | None = None) -> np.ndarray:
+        """Part of a rest that is a zero and a gain of each run, as the noise has them, all of shape (M,).
+
+        ``at`` are places of the samples, None: all. Blocks of one run are of one set-up, which has one zero and gain.
+        """
+        motion, out = self.motion, np.zeros(len(rest))
+        if motion.cut:
+            return out
+        at = np.arange(len(motion.q)) if at is None else at
+        run = np.searchsorted(motion.start, at, side="right") - 1
+        for k in np.unique(run):
+            here = run == k
+            rows, w = np.stack([np.ones(int(here.sum())), predicted[here]], axis=1), self.weight[at[here]]
+            out[here] = rows @ np.linalg.lstsq(w[:, None] * rows, w * rest[here], rcond=None)[0]
+        return out
+
     def loss(self, parameters: Parameters, x: np.ndarray) -> float:
         """Loss of a model, as :meth:`linearised` has it in the last element of the normal equations."""
         torque = simulate(self.replay, [(parameters, x)])[0].astype(float)
@@ -421,16 +437,6 @@ def _by_repetitions(problem: Problem, fit: Fit, effect: str, line: Mapping[str, 
     step = 0.02 / problem.motion.ranges.q
     ahead, behind = _torques(problem, fit, effect, [{**line, name: value + step}, {**line, name: value - step}])
     return (ahead - behind) / (2.0 * step)
-
-
-def of_runs(rest: np.ndarray, predicted: np.ndarray, run: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Part of a rest that is a zero and a gain of each trajectory, as the noise has them; all of shape (M,)."""
-    out = np.empty(len(rest))
-    for k in np.unique(run):
-        here = run == k
-        rows, w = np.stack([np.ones(int(here.sum())), predicted[here]], axis=1), weight[here]
-        out[here] = rows @ np.linalg.lstsq(w[:, None] * rows, w * rest[here], rcond=None)[0]
-    return out
 
 
 def threshold(problem: Problem, fit: Fit) -> float:

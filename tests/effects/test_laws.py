@@ -205,7 +205,6 @@ def test_backlash_is_what_a_shaft_between_stops_does(viscosity: float) -> None:
     found[:3] = want[:3]  # the stop's first touch
     error = np.sqrt(np.mean((found - want) ** 2)) / np.std(want)
     without = np.sqrt(np.mean((torque(shaft, base) - want) ** 2)) / np.std(want)
-    print(f"B {viscosity}: {error:.4f} of the torque, {without:.3f} without backlash; open {np.mean(found == 0.0):.2f}")
     assert np.mean(np.abs(want) < 1e-3 * np.abs(want).max()) > 0.05
     assert error < 0.015 < 0.1 < without
 
