@@ -18,6 +18,7 @@ from mrwarp.effects.law import EffectLaw
 from mrwarp.identify.dataset import rms
 from mrwarp.identify.parameters import LINEAR
 from mrwarp.identify.projection import Progress
+from mrwarp.recording.data import NO_INPUT
 from mrwarp.sysid.by_evidence import Found, searched_by_evidence
 from mrwarp.sysid.evidence import Signals, showing
 from mrwarp.sysid.least_squares import ridge_solve
@@ -83,6 +84,10 @@ class JointPlant:
     def contains(self, effect: str, other: str) -> bool:
         """Whether an effect is another one with one number more."""
         return CATALOGUE[effect].contains == other
+
+    def ordinary(self, effect: str) -> bool:
+        """Whether it is a body's weight, inertia or friction, where there is no device but a body."""
+        return CATALOGUE[effect].mechanics and self.problem.units["current"] == NO_INPUT
 
     def distinct(self, effect: str, other: str) -> bool:
         """Whether none of two effects contains the other; single steps distinguish a lag from a delay."""

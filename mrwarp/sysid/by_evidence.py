@@ -48,6 +48,10 @@ class EvidencePlant(Named[Model, Cause], Protocol):
         """Whether a cause is another one with more numbers."""
         ...
 
+    def ordinary(self, cause: Cause, /) -> bool:
+        """Whether such plants have a cause as a rule, so that the prior odds are not against it."""
+        ...
+
     def distinct(self, cause: Cause, other: Cause, /) -> bool:
         """Whether two causes are distinct, and by fits: none is a part of the other, and no other data decide."""
         ...
@@ -198,9 +202,9 @@ class _Search(Generic[Model, Cause]):
 
         It may where it adds nothing to the structure that suits the model without it, takes less than half of what that
         takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. One
-        that was not proven before has to be as likely as such structure, and by the odds that a nameless group needs;
-        what it adds to that is no proof. The variances are learned without the cause: it may not have shaped what it is
-        judged by.
+        that was not proven before has to be as likely as such structure, and by the odds that a nameless group needs,
+        if it is not an ordinary one; what it adds to that is no proof. The variances are learned without the cause: it
+        may not have shaped what it is judged by.
         """
         if (key := (self.model, cause)) not in self._judged:
             self._judged[key] = self._judge(cause)
@@ -218,7 +222,8 @@ class _Search(Generic[Model, Cause]):
         if self.is_proven(cause):
             part = adds < enters and odds < max(enters, half * (nameless - nothing))
         else:
-            part = odds < max(enters + 0.5 * self.gain.distinct, nameless - nothing)
+            against = 0.0 if self.plant.ordinary(cause) else 0.5 * self.gain.distinct
+            part = odds < max(enters + against, nameless - nothing)
         return odds, part and left[1] > half * left[0]
 
     def weak(self) -> list[Cause]:

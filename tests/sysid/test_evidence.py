@@ -134,6 +134,10 @@ class Lines:
         """A name that is longer."""
         return cause != other and cause.startswith(other)
 
+    def ordinary(self, cause: str) -> bool:
+        """Of those that have an o in their name."""
+        return "o" in cause
+
     def distinct(self, cause: str, other: str) -> bool:
         """Any two."""
         return True
@@ -228,6 +232,20 @@ def test_what_only_the_evidence_lets_in_completes_the_model(size: float, nameles
         assert set(proven.odds) == {"a", "b"} and not proven.suspects and not proven.entered
         assert set(unproven.odds) == ({"a", "b"} if enters else {"a"})
         assert set(unproven.suspects) == unproven.entered == (set() if enters else {"b"})
+
+
+def test_an_ordinary_cause_needs_no_odds_against_it() -> None:
+    """One that plants of its kind have as a rule stays by the odds that let it enter; another needs more."""
+    stays = dict[str, int]()
+    for name in ("b", "ordinary"):
+        found = []
+        for seed in range(8):
+            plant = lines(seed, {"a": 1.0, "b": 0.13})
+            plant.rows = {"a": plant.rows["a"], name: plant.rows["b"]}
+            found.append(searched_by_evidence(plant, Odds(), Gain(), begin=Line(("a",))))
+            assert name not in found[-1].odds or found[-1].odds[name] > Odds().enters
+        stays[name] = sum(name in x.odds for x in found)
+    assert stays["b"] < stays["ordinary"]
 
 
 def test_a_size_that_would_show_is_found() -> None:
