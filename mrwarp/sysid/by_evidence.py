@@ -201,10 +201,10 @@ class _Search(Generic[Model, Cause]):
         """Log odds of a cause without any nameless structure, and whether it may be a part of such structure.
 
         It may where it adds nothing to the structure that suits the model without it, takes less than half of what that
-        takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. One
-        that was not proven before has to be as likely as such structure, and by the odds that a nameless group needs,
-        if it is not an ordinary one; what it adds to that is no proof. The variances are learned without the cause: it
-        may not have shaped what it is judged by.
+        takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. An
+        ordinary one may where it is less likely than the structure in its place. One that was not proven before has to
+        be as likely as such structure, and by the odds that a nameless group needs; what it adds to that is no proof.
+        The variances are learned without the cause: it may not have shaped what it is judged by.
         """
         if (key := (self.model, cause)) not in self._judged:
             self._judged[key] = self._judge(cause)
@@ -220,10 +220,10 @@ class _Search(Generic[Model, Cause]):
         left = [float(self.compared.signals(x).grams[:, -1, -1].sum()) for x in (without, self.model)]
         half, enters = self.gain.half, self.odds.enters
         if self.is_proven(cause):
-            part = adds < enters and odds < max(enters, half * (nameless - nothing))
+            least = 0.0 if self.plant.ordinary(cause) else enters
+            part = adds < least and odds < max(enters, half * (nameless - nothing))
         else:
-            against = 0.0 if self.plant.ordinary(cause) else 0.5 * self.gain.distinct
-            part = odds < max(enters + against, nameless - nothing)
+            part = odds < max(enters + 0.5 * self.gain.distinct, nameless - nothing)
         return odds, part and left[1] > half * left[0]
 
     def weak(self) -> list[Cause]:
@@ -239,8 +239,8 @@ class _Search(Generic[Model, Cause]):
         return []
 
     def is_proven(self, cause: Cause) -> bool:
-        """Whether a cause needs no more than the evidence here: all do where nothing was searched before."""
-        return self.proven is None or cause in self.proven
+        """Whether a cause needs no more than the evidence here: an ordinary one, and any if none was proven before."""
+        return self.proven is None or cause in self.proven or self.plant.ordinary(cause)
 
     def with_nameless(self, model: Model) -> float:
         """Score of a model with the nameless groups that it needs."""
