@@ -1,12 +1,15 @@
 """The built wheel holds all that its commands need: it runs in an empty folder, away from the repository."""
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -40,6 +43,16 @@ def test_a_wheel_is_whole(wheel: Path, tmp_path: Path) -> None:
     line = [sys.executable, "-c", script]
     done = subprocess.run(line, cwd=empty, env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_every_pin_installs_on_the_oldest_python() -> None:
+    """Debian's Python 3.11 is 3.11.2: a pinned package that asks for a later one would stop the first command there."""
+    pins = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    pinned = {re.sub(r"[-_.]+", "-", name).lower() for name in re.findall(r"^([\w.-]+)==", pins, re.MULTILINE)}
+    asked = {x.name: x.metadata["Requires-Python"] or "" for x in distributions()}
+    asked = {name: x for name, x in asked.items() if re.sub(r"[-_.]+", "-", name).lower() in pinned}
+    assert len(asked) > 0.5 * len(pinned)
+    assert not {name: x for name, x in asked.items() if not SpecifierSet(x).contains("3.11.0")}
 
 
 def test_the_papers_policies_stay_in_the_checkout(wheel: Path) -> None:
