@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.problem import Problem, covariance, fit_model, interval, plain_fit, reported_fit
 from mrwarp.diagnose.screening import screen
 from mrwarp.effects.catalogue import CATALOGUE
@@ -89,6 +90,10 @@ def test_a_logged_temperature_is_what_the_device_fades_with() -> None:
     fit = known.fitted(problem, {effect: {"yield_loss": 0.001, "viscosity_loss": 0.001}})
     assert_recovers(fit, known.vector(fit.parameters, hidden))
     assert fit.parameters.values(fit.x)[effect]["reference"] == pytest.approx(temperature.mean())
+    torque = problem.motion.torque
+    runs = [replace(r, torque=torque[p]) for r, p in zip(warm, at.parts, strict=True)]
+    found = diagnose(replace(logged, trajectories=tuple(runs)), settings=known.QUICK)
+    assert [cause.name for cause in found.causes] == [effect] and not found.causes[0].alternatives
 
 
 def test_a_brake_stiffer_than_data_show_is_found_behind_play_and_a_spring() -> None:
