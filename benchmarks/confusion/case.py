@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from benchmarks.confusion import foreign, outside
-from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Effect, true_value
+from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Effect, room_temperature, true_value
 from benchmarks.confusion.levels import level_of, strength_for
 from benchmarks.confusion.mechanics import Joint
 from benchmarks.confusion.motion import TRUTH_RATE, Motion, make_session
@@ -368,6 +368,8 @@ def write_recording(recording: Recording, folder: str | Path) -> None:
         names = ["t", "q", "qd", "current", "torque"]
         if run.qd_derived:
             names.remove("qd")
+        if run.temperature is not None:
+            names.append("temperature")
         np.savetxt(
             folder / f"{run.id}.csv",
             np.stack([getattr(run, name) for name in names], axis=1),
@@ -432,6 +434,8 @@ def _log(device: Device, motion: Motion, noise: Noise, rendering: Rendering, rng
     q = np.round(signals.q / noise.encoder) * noise.encoder if noise.encoder > 0.0 else signals.q
 
     t = np.arange(shape[1]) * step
+    fade = device.effects.get("temperature_fade")
+    room = None if fade is None else room_temperature(fade, motion.start)
     count = len(str(shape[0] - 1))
     runs = []
     for k in range(shape[0]):
@@ -444,6 +448,7 @@ def _log(device: Device, motion: Motion, noise: Noise, rendering: Rendering, rng
                 qd=np.round(rendering.motion * qd[k], 8) if rendering.velocity else differentiate(angle, step),
                 current=np.round(rendering.current * signals.current[k], 9),
                 torque=np.round(rendering.torque * torque[k], 7),
+                temperature=None if room is None else np.full(shape[1], room[k]),
                 qd_derived=not rendering.velocity,
             )
         )

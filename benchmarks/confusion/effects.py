@@ -57,6 +57,10 @@ def _cogging(rng: np.random.Generator) -> Draws:
     return {"waves": float(rng.integers(8, 49)), **phases}
 
 
+def _room(rng: np.random.Generator) -> Draws:
+    return {"swing": rng.uniform(4.0, 12.0), "waves": rng.uniform(0.3, 1.5), "phase": rng.uniform(0.0, 2.0 * np.pi)}
+
+
 def _heat(rng: np.random.Generator) -> Draws:
     # a rise of some 10 K at a few watts; minutes to get there
     return {"time_constant": rng.uniform(60.0, 200.0), "capacity": rng.uniform(30.0, 60.0)}
@@ -103,6 +107,9 @@ _SPECS = (
         name="temperature_drift", parameter="drift", unit="1/K", powers=(0, 0, 0), guess=0.01, exact=False, draw=_heat,
     ),
     Spec(name="wear", parameter="loss", unit="1", powers=(0, 0, 0), guess=0.1, exact=False),
+    Spec(
+        name="temperature_fade", parameter="fade", unit="1/K", powers=(0, 0, 0), guess=0.01, exact=False, draw=_room,
+    ),
     # outside the catalogue
     Spec(
         name="position_current", parameter="amplitude", unit="N·m/A²", powers=(0, -2, 1), guess=0.03, draw=_sign,
@@ -178,6 +185,8 @@ class State:
     """Current as the fluid sees it [A]."""
     warmth: np.ndarray | None = None
     """Temperature rise of the fluid [K], where it acts."""
+    room: np.ndarray | None = None
+    """Temperature of the room [degC], shape (T, 1), where it acts."""
     slid: np.ndarray | None = None
     """Way slid in the session as a share of its end, where it acts."""
     touched: np.ndarray | None = None
@@ -230,6 +239,19 @@ def temperature_drift(e: Effect, s: State) -> np.ndarray:
     """exp(-c*dT); the viscous torque takes the power 1.5 of it."""
     assert s.warmth is not None
     return np.exp(-e.strength * s.warmth)
+
+
+def room_temperature(e: Effect, start: np.ndarray) -> np.ndarray:
+    """Of each trajectory, as a thermometer on the device reads it [degC], shape (T,)."""
+    share = start / max(float(start[-1]), 1.0)
+    swing = e.draws["swing"] * np.sin(2.0 * np.pi * e.draws["waves"] * share + e.draws["phase"])
+    return np.round(22.0 + swing, 1)
+
+
+def temperature_fade(e: Effect, s: State) -> np.ndarray:
+    """1/(1 + c*(T - 22 degC)); the viscous torque takes the power 1.5 of it."""
+    assert s.room is not None
+    return 1.0 / (1.0 + e.strength * (s.room - 22.0))
 
 
 def wear(e: Effect, s: State) -> np.ndarray:

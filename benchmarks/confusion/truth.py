@@ -149,6 +149,9 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
     if "temperature_drift" in hidden:
         thin = law.temperature_drift(hidden["temperature_drift"], state)
         hysteretic, viscous = hysteretic * thin, viscous * thin**1.5
+    if "temperature_fade" in hidden:
+        thin = law.temperature_fade(hidden["temperature_fade"], state)
+        hysteretic, viscous = hysteretic * thin, viscous * thin**1.5
     if "creep" in hidden:  # the standard linear solid: a share of the stress relaxes
         hysteretic = hysteretic - hidden["creep"].strength * lagged(hysteretic, CREEP_TIME, motion.dt)
     torque = p["D"] + viscous + p["C"] * (state.q - device.zero) + p["I1"] * state.current + hysteretic
@@ -195,6 +198,8 @@ def _state(device: Device, motion: Motion, samples: slice) -> tuple[State, Path]
     state = State(t=motion.t[samples], q=q, qd=qd, qdd=motion.qdd[:, samples], current=current)
     if "temperature_drift" in hidden:
         state = replace(state, warmth=_on(samples, _warmth(device, motion), motion))
+    if "temperature_fade" in hidden:
+        state = replace(state, room=law.room_temperature(hidden["temperature_fade"], motion.start)[:, None])
     if "wear" in hidden:
         state = replace(state, slid=_on(samples, motion.slid / motion.slid[-1, -1], motion))
     return state, path

@@ -338,7 +338,7 @@ def test_an_effect_needs_the_control_input_that_makes_it(
     level: float, units: dict[str, str], load: bool, impossible: set[str], possible: set[str]
 ) -> None:
     """A field for remanence, a command for lags, any change for friction under a load."""
-    motion = SimpleNamespace(current=np.array([1.0, 1.0 + level]), ranges=Ranges(load=load))
+    motion = SimpleNamespace(current=np.array([1.0, 1.0 + level]), ranges=Ranges(load=load), temperature=None)
     zero = np.zeros(2)
     replay, noise = cast(Any, SimpleNamespace(motion=motion)), cast(Any, None)
     problem = Problem(replay=replay, measured=zero, weight=zero, q_zero=0.0, units=units, noise=noise)

@@ -28,8 +28,9 @@ STRONG = {name: STRENGTHS[name] for name, law in CATALOGUE.items() if law.kind !
 
 @pytest.fixture(scope="module")
 def motion() -> Motion:
-    """Three runs of the joint."""
-    return known.motion(3, runs=3, seconds=2.0)
+    """Three runs of the joint, which warms up by 6 K."""
+    at = known.motion(3, runs=3, seconds=2.0)
+    return replace(at, temperature=20.0 + at.time, ranges=replace(at.ranges, temperature=23.0))
 
 
 CHOSEN = (
