@@ -109,11 +109,19 @@ class Account:
     """Part of the mismatch that spikes carry, within what is not repeatable; no figure of error has them [1]."""
     unreported: float = Rest.unreported
     """Share of the mismatch that may repeat without being reported [1]."""
+    of_runs: float = 0.0
+    """Part of the mismatch by which runs differ in zero and gain, where the same motion comes again within them; it is
+    in what is not repeatable [1]."""
 
     @property
     def unnamed(self) -> float:
         """Share that repeats without a name, of the mismatch without its spikes [1]."""
         return self.repeatable.share / max(1.0 - self.spikes, 1e-9)
+
+    @property
+    def competing(self) -> float:
+        """Share next to which a cause has to stand: it may be a part also of what differs from run to run [1]."""
+        return self.unnamed + self.of_runs / max(1.0 - self.spikes, 1e-9)
 
     @property
     def least(self) -> float:
@@ -186,9 +194,13 @@ def account_of(
     varies = np.bincount(run, problem.of_runs(left, held.predicted_extended[at], at) ** 2, len(motion.dt))
     drawn = drawn * samples + varies[pick].sum(axis=1)
     clearly = problem.settings.rest.with_law if law else problem.settings.gain.half
-    if again is not None and again * len(at) + varies.sum() < clearly * total[2]:
-        total[2] = again * len(at) + varies.sum()
-        draws[:, 2] = drawn
+    differs = 0.0
+    if again is not None and again * len(at) < clearly * total[2]:
+        within = again * len(at)
+        if within + varies.sum() < clearly * total[2]:
+            total[2] = within + varies.sum()
+            draws[:, 2] = drawn
+        differs = float(total[2]) - within
     ends = np.percentile(_shares(draws + spiky_drawn), (2.5, 97.5), axis=0)
     if again is None:
         floor = np.stack([*draws.T[:2], drawn], axis=1) + spiky_drawn
@@ -209,6 +221,7 @@ def account_of(
         learnable=learnable,
         spikes=spiky / max(float(total[0]) + spiky, 1e-300),
         unreported=problem.settings.rest.unreported,
+        of_runs=differs / max(float(total[0]) + spiky, 1e-300),
     )
 
 

@@ -119,7 +119,7 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
     of what repeated, effects that were there a third and more. What takes the place of a term of eq. 14 is no piece.
     """
     rejections: list[Rejection] = []
-    if not account.open or not selection.named:
+    if account.competing <= account.unreported or not selection.named:
         return selection, ()
     problem, fit = models.problem, models.reported(selection.final)
     after = float(held_out_squares(problem, fit).sum())
@@ -129,8 +129,8 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
             continue
         without = float(held_out_squares(problem, models.reported(models.without(selection.final, effect))).sum())
         gain = (without - after) / baseline
-        if gain < problem.settings.gain.part * account.unnamed:
-            times = account.unnamed / max(gain, 1e-9)
+        if gain < problem.settings.gain.part * account.competing:
+            times = account.competing / max(gain, 1e-9)
             much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
             reason = f"what comes again without a name is {much}: this may be a part of it"
             rejections.append(Rejection(effect=effect, reason=reason, gain=max(gain, 0.0), fit=fit))

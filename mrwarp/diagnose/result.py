@@ -153,7 +153,7 @@ class Diagnosis(Answer):
         """The figures of ``result.json``, with those of a joint."""
         account = None
         if self.account is not None:
-            account = {name: x for name, x in asdict(self.account).items() if name != "unreported"}
+            account = {name: x for name, x in asdict(self.account).items() if name not in ("unreported", "of_runs")}
         rows = ("recording_faults", "parameter_shift", "tried")
         found = super().to_dict()
         return found | {
