@@ -350,3 +350,8 @@ FACTORS: dict[str, Callable[[Effect, State], np.ndarray]] = {
     law.__name__: law for law in (wear, loop_asymmetry, position_gain)
 }
 """Factors of the hysteretic torque alone."""
+
+THINNING: dict[str, Callable[[Effect, State], np.ndarray]] = {
+    law.__name__: law for law in (temperature_drift, temperature_fade)
+}
+"""Factors of the hysteretic torque; the viscous torque takes the power 1.5 of them."""

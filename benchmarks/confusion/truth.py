@@ -146,12 +146,10 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
         if name in hidden:
             hysteretic *= factor(hidden[name], state)
     viscous = p["B"] * state.qd
-    if "temperature_drift" in hidden:
-        thin = law.temperature_drift(hidden["temperature_drift"], state)
-        hysteretic, viscous = hysteretic * thin, viscous * thin**1.5
-    if "temperature_fade" in hidden:
-        thin = law.temperature_fade(hidden["temperature_fade"], state)
-        hysteretic, viscous = hysteretic * thin, viscous * thin**1.5
+    for name, factor in law.THINNING.items():
+        if name in hidden:
+            thin = factor(hidden[name], state)
+            hysteretic, viscous = hysteretic * thin, viscous * thin**1.5
     if "creep" in hidden:  # the standard linear solid: a share of the stress relaxes
         hysteretic = hysteretic - hidden["creep"].strength * lagged(hysteretic, CREEP_TIME, motion.dt)
     torque = p["D"] + viscous + p["C"] * (state.q - device.zero) + p["I1"] * state.current + hysteretic

@@ -192,7 +192,12 @@ def may_follow_another_law(problem: Problem, base: Fit) -> bool:
 
 def structured(problem: Problem, base: Fit) -> bool:
     """Whether the mismatch is large against the noise from sample to sample: then plain error decides."""
-    left, counts = _left(problem, base), problem.weight > 0.0
+    return _structured(problem, _left(problem, base))
+
+
+def _structured(problem: Problem, left: np.ndarray) -> bool:
+    """As :func:`structured`, of what a model leaves, shape (N,)."""
+    counts = problem.weight > 0.0
     bends = np.concatenate([np.diff(left[part], 2)[counts[part][2:]] for part in problem.motion.parts])
     left = left[counts]
     noise = 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6.0)
@@ -211,9 +216,9 @@ def misfits(problem: Problem, fit: Fit) -> bool:
     Below :attr:`~mrwarp.sysid.settings.Gain.detail` what it leaves is a correction to a model that is right, and may be
     whitened.
     """
-    left = _left(problem, fit)[problem.weight > 0.0]
+    left = _left(problem, fit)
     detail = problem.settings.gain.detail * float(problem.motion.torque.std())
-    return structured(problem, fit) and float(left.std()) > detail
+    return float(left[problem.weight > 0.0].std()) > detail and _structured(problem, left)
 
 
 def _eq_14(
