@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import mrwarp
-from mrwarp.devices.entry import Device, facts, library, numbers, overview
+from mrwarp.devices.entry import Device, facts, library, overview
 from mrwarp.params import MrParams
 
 ROOT = Path(mrwarp.__file__).parents[1]
@@ -29,10 +29,10 @@ IN_EQUATIONS = ("BoucWenParams", "HoldParams", "GateParams", "MotorParams", "Coi
 
 _HEAD = """# Identified devices
 
-Real devices, identified from public recordings. The library holds numbers, no recording. `mrwarp device list` prints
-the table below, `mrwarp device show NAME` one entry. Every `--model` takes a name, and so does
-`mrwarp.load_model("NAME")`. Only devices in rad, A and N·m can be put into a robot. `mrwarp device page` writes this
-page and one for each device from `models/devices`; [how to add one](extend.md#a-device).
+Real devices, identified from public recordings, of which the library holds the numbers alone. Every `--model` takes a
+name, and so does `mrwarp.load_model("NAME")`. `mrwarp device show NAME` prints the numbers with their intervals. Only
+devices in rad, A and N·m can be put into a robot. `mrwarp device page` writes these pages from `models/devices`;
+[how to add one](extend.md#a-device).
 
 A number holds in the range that was recorded. The error on unseen runs is the RMS of measured minus predicted torque
 over the standard deviation of the measured one. Each run is predicted by a fit to the others, but law and effects were
@@ -40,8 +40,11 @@ chosen with all runs in view. `also predicted` on a device's page are recordings
 """
 
 
-_NUMBERS = """Numbers of [eqs. 14, 15 and 18](../joint.md#the-equations), and of [laws](../laws.md) and effects as
-`NAME.NUMBER`. `-`: not fitted, or not given by the data."""
+_NOT_ON_A_PAGE = {"in a robot"}
+"""Facts that the table of all devices has."""
+
+_AS_ALL = "; each run predicted by the model fitted to the others"
+"""How nearly every error was found, which stands above that table."""
 
 
 def pages(devices: list[Device]) -> dict[Path, str]:
@@ -73,12 +76,16 @@ def _place(source: str) -> str:
 
 
 def _page_of(device: Device) -> str:
-    """One device: what it is, its loops, where it holds, its numbers."""
+    """One device: what it is, its loops, where it holds, and where its numbers stand."""
     name = device.name
     parts = [f"# {name}", "", f"{device.stated['title']} ({device.stated['kind']}). [All devices](../devices.md)", ""]
     parts += [f"![Loops of {name}](../images/devices/{name}.png)", ""]
-    parts += [f"* **{fact}**: {_safe(text, fact)}" for fact, text in facts(device)]
-    parts += ["", _NUMBERS, "", *_table(("number", "value", "95 % interval"), numbers(device.model)), ""]
+    parts += [
+        f"* **{fact}**: {_safe(text.removesuffix(_AS_ALL), fact)}"
+        for fact, text in facts(device)
+        if fact not in _NOT_ON_A_PAGE
+    ]
+    parts += [f"* **numbers**: `mrwarp device show {name}`, [model.json](../../models/devices/{name}/model.json)", ""]
     return "\n".join(parts)
 
 

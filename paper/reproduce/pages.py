@@ -173,6 +173,9 @@ def _cells(figures: list[Figure]) -> list[str]:
     return [many([f.paper for f in figures]), many([f.ours for f in figures]), spread]
 
 
+FIRST_SENTENCE = re.compile(r"(?<!\beq)(?<!\bEq)\. (?=[A-Z])")
+"""Where the first sentence of a reason ends; the report has all of it."""
+
 CLAIM_HEAD = ("where", "claim", "paper", "ours", "SD of ours", "effect", "verdict", "")
 """Columns of the table of claims."""
 
@@ -189,8 +192,20 @@ def claim_row(judged: Judged) -> list[str]:
 
 
 def _claims(found: Results) -> str:
-    """All claims as one table."""
-    return _table(list(CLAIM_HEAD), [claim_row(judged) for judged in judge_all(found)])
+    """All claims as one table: a reason by its first sentence, without the paper's spread and the names of effects.
+
+    Claims that exclude each other are left out: the paper's figures against each other have a block of their own.
+    """
+    shown = [name for name in CLAIM_HEAD if name != "effect"]
+    rows = []
+    for judged in judge_all(found):
+        if judged.claim.excluded:
+            continue
+        cells = dict(zip(CLAIM_HEAD, claim_row(judged), strict=True))
+        cells["SD of ours"] = cells["SD of ours"].partition(" (paper")[0]
+        cells[""] = FIRST_SENTENCE.split(cells[""])[0].rstrip(".")
+        rows.append([cells[name] for name in shown])
+    return _table(shown, rows)
 
 
 def counts(found: Results) -> tuple[str, str]:
@@ -208,15 +223,8 @@ def counts(found: Results) -> tuple[str, str]:
 
 
 def _verdicts(found: Results) -> str:
-    """How claims fare, and the three largest differences of those that are not calibrated."""
-    judged = [judged for judged in judge_all(found) if judged.verdict is not Verdict.CALIBRATED]
-    largest = []
-    by_place = {j.claim.place: j for j in sorted(judged, key=lambda j: j.largest)}  # of each place the largest
-    for j in sorted(by_place.values(), key=lambda j: -j.largest)[:3]:
-        worst = max((f for f in j.figures if not f.calibrated), key=lambda f: abs(f.relative))
-        ours, theirs = (_number(value, worst.digits) for value in (worst.ours, worst.paper))
-        largest.append(f"{j.claim.place}, {j.claim.says}: {ours} where the paper has {theirs}")
-    return f"{' '.join(counts(found))} The three largest differences: {'; '.join(largest)}."
+    """How claims fare."""
+    return " ".join(counts(found))
 
 
 def _readme(found: Results) -> str:
@@ -235,15 +243,16 @@ def _checks(_: Results) -> str:
     return "\n\n".join(f"**{check.title}** {check.arithmetic}" for check in paper_checks.all_checks())
 
 
-def _part_table(part: str, name: str) -> Callable[[Results], str]:
-    """A table of an entry, as it printed it."""
+def _part_table(part: str, name: str, without: tuple[str, ...] = ()) -> Callable[[Results], str]:
+    """A table of an entry, as it printed it, ``without`` the lines that begin with these words."""
 
     def block(found: Results) -> str:
         try:
             table = found.table(part, name)
         except KeyError:
             return f"*Not among the committed figures; `mrwarp reproduce {part}` makes it.*"
-        return f"{table['title']}:\n\n" + _table(list(table["head"]), [list(row) for row in table["rows"]])
+        rows = [list(row) for row in table["rows"] if not row[0].startswith(without)]
+        return f"{table['title']}:\n\n" + _table(list(table["head"]), rows)
 
     return block
 
@@ -294,12 +303,16 @@ def _whole(found: Results) -> str:
     )
 
 
-TABLES = {
-    "table4_falls": ("table4", "falls"),
-    "table6_training": ("table6", "training"),
-    "support": ("support", "choices"),
+TABLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "table4_falls": ("table4", "falls", ()),
+    "table6_training": ("table6", "training", ()),
+    "support": (
+        "support",
+        "choices",
+        ("eps_hold 0.15", "eps_hold 0.25", "Kp_low 2.5", "Kp_low 10", "fixed support current, 1 A"),
+    ),
 }
-"""Entry and identifier of the tables that a page may ask for, by their blocks' names."""
+"""Entry and identifier of the tables that a page may ask for, by their blocks' names, and lines that it leaves out."""
 
 ROWS = ("table2",)
 """Entries whose rows a page may ask for."""
@@ -308,25 +321,16 @@ HOSTS = Path("docs/results/hosts.json")
 """Committed figures of ``python -m benchmarks.hosts``."""
 
 
-def _grouped(rows: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Rows of the hosts' figures by the line of the table that has the largest of them: the laws alone share one."""
-    found: dict[str, list[str]] = {}
-    for row in rows:
-        found.setdefault("each law alone" if row.startswith("law: ") else row, []).append(row)
-    return found
-
-
 def _hosts(_: Results) -> str:
-    """Largest difference of each host from JointBatch, by laws and effects."""
+    """Largest difference of each host from JointBatch over all devices, and where it is."""
     content = read_json_file(ROOT / HOSTS, "run 'python -m benchmarks.hosts'")
-    hosts: dict[str, float] = content["bounds"]
-    rows = []
-    for row, members in _grouped(content["rows"]).items():
-        found = {name: max(content["rows"][member].get(name, -1.0) for member in members) for name in hosts}
-        cells = ["–" if found[name] < 0.0 else f"{found[name]:.0e}" if found[name] else "0" for name in hosts]
-        rows.append([f"{row} ({sum(content['cases'][member] for member in members)})", *cells])
-    rows.append(["**bound**", *(f"{bound:.0e}" for bound in hosts.values())])
-    return _table(["device (motions)", *hosts], rows)
+    lines = []
+    for host, bound in content["bounds"].items():
+        found = {row: hosts[host] for row, hosts in content["rows"].items() if host in hosts}
+        worst = max(found, key=lambda row: found[row])
+        largest = f"{found[worst]:.0e} ({worst})" if found[worst] else "0"
+        lines.append([host, largest, f"{bound:.0e}"])
+    return _table(["host", f"largest difference in {sum(content['cases'].values())} motions", "bound"], lines)
 
 
 BLOCKS: dict[str, Callable[[Results], str]] = {
@@ -342,7 +346,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
 """Blocks that a page may ask for, by name."""
 
 ENTRIES = {
-    **{name: (part,) for name, (part, _) in TABLES.items()},
+    **{name: (part,) for name, (part, *_) in TABLES.items()},
     **{name: (name,) for name in ROWS},
     **dict.fromkeys(("claims", "readme", "verdicts"), tuple(TITLES)),
 }

@@ -357,11 +357,6 @@ class Judged:
     why: str = ""
     """See :meth:`Claim.reason`."""
 
-    @property
-    def largest(self) -> float:
-        """Largest relative difference of its figures that were not used to calibrate; 0 without any."""
-        return max((abs(f.relative) for f in self.figures if not f.calibrated and f.paper), default=0.0)
-
 
 def judge(claim: Claim, found: Results) -> Judged:
     """The verdict, by rule.
