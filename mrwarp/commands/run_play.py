@@ -50,7 +50,6 @@ class Play(Options):
     robot, devices and ground is what the policy was trained with; there are as many robots as currents.
     """
 
-    renamed = {"actuator-model": "actuator-file"}
     policy: Annotated[opt.OptionalText, WHO] = None
     """exported policy (.onnx), as 'mrwarp train' writes it"""
     agent: Annotated[Literal["zero", "random", "sine"] | None, WHO] = None

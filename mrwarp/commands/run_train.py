@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, create_mutex_group
 
-from mrwarp.enums import CurrentCommand
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options, given, parse
 from mrwarp.rl.train_cfg import TrainCfg
@@ -27,10 +26,6 @@ BEGIN = create_mutex_group(required=False, title="begin with")
 class Train(opt.ViewOptions):
     """Train a robot on legs, with MR devices at its joints, until it passes its trials of walking (the gate)."""
 
-    renamed = {
-        "actuator-model": "actuator-file",
-        **{f"current {command.value}": "current-by" for command in CurrentCommand},
-    }
     cfg: TrainCfg = field(default_factory=TrainCfg)
     power_price: Annotated[float | None, opt.one(opt.not_negative, "X")] = None
     """reward taken per watt of motors and coils, as --reward power=-X; the policies in policies/energy pay 0.002"""

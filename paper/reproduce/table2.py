@@ -123,7 +123,7 @@ CLAIMS = (
         place="Table 2",
         says="v_x RMSE of A, B, C, D [m/s]",
         measure=rows("table2", "v_x RMSE", *TRAINED.values()),
-        why="Ours track more closely. Under eq. 19 row B equals row A by construction; only with a brake they differ.",
+        why="Ours track more closely; under eq. 19 row B equals row A by construction, only with a brake they differ.",
     ),
     Claim(
         id="training.tracking/change",
