@@ -127,7 +127,7 @@ class Play(Options):
 
     def _prepare(self, line: CommandLine) -> Player:
         """The player, with its viewers open; nothing is written when something is wrong."""
-        typed = given(line, Play)
+        typed = given(line)
         for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
         if self.film is not None:
@@ -245,7 +245,7 @@ class Play(Options):
             cfg = replace(cfg, **{name: getattr(theirs, name) for name in TRAINED})
         plant = PlantCfg(**{each.name: getattr(cfg, each.name) for each in fields(PlantCfg)})
         plant = parse(Play, line.argv, line.prog, Play(plant=plant)).plant
-        typed = given(line, Play)
+        typed = given(line)
         others = any(
             name in typed and getattr(plant, name) != trained.get(name) for name in ("robot", "asset", "model")
         )

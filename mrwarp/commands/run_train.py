@@ -64,7 +64,7 @@ class Train(opt.ViewOptions):
         ranks = Ranks()
         try:
             ranks = Ranks.join()
-            out = self.resume.parent if self.resume and "out" not in given(line, Train) else self.out
+            out = self.resume.parent if self.resume and "out" not in given(line) else self.out
             with claim(out) if ranks.main else contextlib.nullcontext():  # before its checkpoint is read
                 options = resumed(self.resume, line, ranks) if self.resume else self
                 return options._train(line, ranks)
@@ -186,7 +186,7 @@ def resumed(path: Path, line: CommandLine, ranks: Ranks) -> Train:
         default = Train(cfg=replace(saved, run=replace(saved.run, out=path.parent)))
         found = parse(Train, line.argv, line.prog, default)
         asked = found.priced()
-        if "device" not in given(line, Train):
+        if "device" not in given(line):
             asked = replace(asked, task=replace(asked.task, device=device))
         checkpoint.check_same(path, content, asked)
         update = int(content["iteration"])

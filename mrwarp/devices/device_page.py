@@ -43,6 +43,9 @@ chosen with all runs in view. `also predicted` on a device's page are recordings
 _NOT_ON_A_PAGE = {"in a robot"}
 """Facts that the table of all devices has."""
 
+_ON_ITS_PAGE = {"law", "licence"}
+"""Columns of 'mrwarp device list' that a device's own page has."""
+
 _AS_ALL = "; each run predicted by the model fitted to the others"
 """How nearly every error was found, which stands above that table."""
 
@@ -50,7 +53,9 @@ _AS_ALL = "; each run predicted by the model fitted to the others"
 def pages(devices: list[Device]) -> dict[Path, str]:
     """Every page's text by its path in the checkout: the table, then a page for each device."""
     head, rows = overview(devices)
-    table = _table(head, [(f"[{row[0]}](devices/{row[0]}.md)", *row[1:]) for row in rows])
+    shown = [k for k, name in enumerate(head) if name not in _ON_ITS_PAGE]
+    linked = [(f"[{row[0]}](devices/{row[0]}.md)", *row[1:]) for row in rows]
+    table = _table(tuple(head[k] for k in shown), [tuple(row[k] for k in shown) for row in linked])
     found = {PAGE: "\n".join([_HEAD, *table, ""])}
     return found | {FOLDER / f"{device.name}.md": _page_of(device) for device in devices}
 

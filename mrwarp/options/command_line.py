@@ -212,7 +212,7 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str, default: Opti
         raise
 
 
-def given(line: CommandLine, options: type) -> set[str]:
+def given(line: CommandLine) -> set[str]:
     """Options that were typed, by the names of their fields, with any value."""
     return {word[2:].partition("=")[0].replace("-", "_") for word in line.argv if word.startswith("--")}
 
