@@ -125,35 +125,6 @@ for name in {sorted(name for name, _ in all_commands())}:
     assert done.returncode == 0, done.stderr
 
 
-REFUSED = [
-    "train --device cuda:99", "train --resume none.pt", "train --asset none.usda", "train --model none.json",
-    "train --out file", "play --policy none.onnx", "play --agent zero --device cuda:99", "impact --policy none.onnx",
-    "impact --out file", "walk --policy-go1 none.onnx", "mission --model none.json", "fit none.csv", "fit . --out file",
-    "diagnose none.csv", "diagnose . --predict none.csv", "learn none.csv --out o", "bench --policy none.onnx",
-    "perf --device cuda:99", "reproduce all --out file", "study collect --out file",
-    "fit .", "diagnose .",
-]  # fmt: skip
-"""Paths and devices that are not there, an output folder that is a file, and a folder without recordings."""
-
-
-def test_refusals_load_no_engine(tmp_path: Path) -> None:
-    """Inputs that need no torch, Warp, Newton and MuJoCo are checked before they are loaded."""
-    (tmp_path / "file").write_text("")
-    script = f"""
-import contextlib, io, sys
-from mrwarp import cli
-for line in {REFUSED}:
-    with contextlib.redirect_stderr(io.StringIO()) as said:
-        assert cli.main(line.split()) == 2, line
-    assert said.getvalue().count("\\n") == 1, (line, said.getvalue())
-    loaded = sorted({{"torch", "warp", "newton", "mujoco"}} & set(sys.modules))
-    assert not loaded, (line, loaded)
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
 def test_looking_at_an_asset_and_changing_it_load_no_engine(tmp_path: Path) -> None:
     """Show, set and diff take a second or two; the engines would take ten."""
     pytest.importorskip("newton_usd_schemas", reason="needs mrwarp[sim]")

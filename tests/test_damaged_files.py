@@ -141,6 +141,7 @@ class Kind:
     read: Callable[[Path], Any]
     errors: tuple[type[Exception], ...]
     damage: Callable[[bytes, random.Random], bytes] = damaged
+    cases: int = 15
 
 
 USD = {"suffix": ".usda", "read": read_usd, "errors": (AssetError, ParameterError)}
@@ -151,11 +152,13 @@ KINDS = {
                   read=lambda path: with_model(load_robot(), str(path))),
     "robot": Kind(**USD, good=lambda _: (ASSETS / "mr_go.usda").read_bytes()),
     "attributes": Kind(**USD, good=lambda _: (ASSETS / "mr_bench.usda").read_bytes(), damage=with_other_attributes),
-    "checkpoint": Kind(suffix=".pt", good=good_checkpoint, read=checkpoint.load, errors=(checkpoint.CheckpointError,)),
+    "checkpoint": Kind(suffix=".pt", good=good_checkpoint, read=checkpoint.load, errors=(checkpoint.CheckpointError,),
+                       cases=200),
     "policy": Kind(suffix=".onnx", good=lambda _: DEFAULT_POLICY.read_bytes(), read=OnnxPolicy, errors=(PolicyError,)),
     "network": Kind(suffix=".safetensors", good=good_network, read=network_file.load,
                     errors=(network_file.NetworkFileError,)),
-    "dump": Kind(suffix=".safetensors", good=good_dump, read=nan_dump.load, errors=(nan_dump.DumpError,)),
+    "dump": Kind(suffix=".safetensors", good=good_dump, read=nan_dump.load, errors=(nan_dump.DumpError,),
+                 cases=100),
 }  # fmt: skip
 
 
@@ -168,7 +171,7 @@ def test_a_damaged_file_is_read_or_refused(name: str, tmp_path: Path) -> None:
     path, refusals = folder / f"input{kind.suffix}", set()
     path.write_bytes(good)
     kind.read(path)
-    for case in range(15):
+    for case in range(kind.cases):
         path.write_bytes(kind.damage(good, rng))
         try:
             with warnings.catch_warnings():

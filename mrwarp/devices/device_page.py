@@ -77,7 +77,7 @@ def with_numbers(page: str) -> str:
 
 def _place(source: str) -> str:
     """The source of a number: of the paper its section alone."""
-    return source.split(",")[0] if source.startswith("paper section") else source
+    return source.split(",")[0].removeprefix("paper ") if source.startswith("paper section") else source
 
 
 def _page_of(device: Device) -> str:

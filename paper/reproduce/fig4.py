@@ -279,7 +279,7 @@ CLAIMS = (
         says="RMSE of PG-RLSTM at 1, 1.2, 1.5 A [N·m]",
         measure=rows("fig4", "RMSE", *(f"PG-RLSTM, {amps}" for amps in ("1 A", "1.2 A", "1.5 A"))),
         holds=(("fig4", "pg_rlstm_lowest"),),
-        why="The networks leave less than the paper's: our bench has fewer unknown effects than a real device.",
+        why="Our bench has fewer unknown effects than a real device.",
     ),
     Claim(
         id="bench.errors/others",
@@ -287,7 +287,7 @@ CLAIMS = (
         says="PG-RLSTM is 42, 34 and 57 % below Bouc-Wen, LSTM and MLP; RMSE of those at 1.5 A [N·m]",
         measure=rows("fig4", "RMSE", *(f"{name}, 1.5 A" for name in ("Bouc-Wen", "LSTM", "MLP"))),
         holds=tuple(("fig4", f"lower_than_{name}") for name in paper.FIGURE_4_REDUCTION),
-        why="All three factors hold; on our bench every model leaves less than on the paper's device.",
+        why="All three factors hold; every model leaves less than on the paper's device.",
     ),
     Claim(
         id="bench.recurrent",

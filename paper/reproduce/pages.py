@@ -258,9 +258,10 @@ def _part_table(part: str, name: str, without: tuple[str, ...] = ()) -> Callable
 
 
 def _rows_table(part: str) -> Callable[[Results], str]:
-    """All rows of an entry: conditions down, quantities across; ours, with a brake that sticks, and the paper's.
+    """All rows of an entry: conditions down, quantities across; ours with the paper's, or with a brake that sticks.
 
-    Ours with its SD over seeds, and the standard error by fitted numbers where there are some.
+    Ours with its SD over seeds, and the standard error by fitted numbers where there are some. Where there is a brake
+    the paper's figures stand with the claims alone.
     """
 
     def block(found: Results) -> str:
@@ -281,7 +282,7 @@ def _rows_table(part: str) -> Callable[[Results], str]:
             star = "\\*" if row["calibrated"] else f" ± {_number(row['error'], n)}" if row.get("error") else ""
             cells.setdefault(row["condition"], {})[row["quantity"]] = [ours + star, "", theirs]
         titles = {q: f"{q}{f' [{units[q]}]' if units[q] else ''}" for q in quantities}
-        shown = (0, 1, 2) if brake else (0, 2)
+        shown = (0, 1) if brake else (0, 2)
         head = ["", *((titles[q], "with the brake", "paper")[k] for q in quantities for k in shown)]
         lines = [
             [condition, *(found_cells.get(q, ["", "", ""])[k] for q in quantities for k in shown)]

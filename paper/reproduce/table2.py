@@ -123,7 +123,7 @@ CLAIMS = (
         place="Table 2",
         says="v_x RMSE of A, B, C, D [m/s]",
         measure=rows("table2", "v_x RMSE", *TRAINED.values()),
-        why="Ours track more closely; under eq. 19 row B equals row A by construction, only with a brake they differ.",
+        why="Under eq. 19 row B equals row A by construction.",
     ),
     Claim(
         id="training.tracking/change",
@@ -138,7 +138,7 @@ CLAIMS = (
         place="Table 2",
         says="v_x bias of A, B, C, D [m/s]",
         measure=rows("table2", "v_x bias", *TRAINED.values()),
-        why="The devices' mass and drag slow a policy down that does not know them; the paper's policies run too fast.",
+        why="Mass and drag slow a policy down that does not know them; the paper's run too fast.",
     ),
     Claim(
         id="training.height",

@@ -42,7 +42,7 @@ CLAIMS = (
         place="Table 3",
         says="v_x RMSE by MLP, Bouc-Wen, LSTM, PG-RLSTM in training [m/s]",
         measure=_by_model("v_x RMSE"),
-        why="Levels differ; which model a training has changes nothing that seeds resolve, in the paper or here.",
+        why="Which model a training has changes nothing that seeds resolve, in the paper or here.",
     ),
     Claim(
         id="models.lean",

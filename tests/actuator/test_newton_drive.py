@@ -26,7 +26,7 @@ from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
 from tests.actuator.actuator_bench import make_inputs
-from tests.actuator.test_effect_runtime import MECHANISMS, effect
+from tests.actuator.test_effect_runtime import effect
 
 ORIGIN = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
 DT = 0.005
@@ -392,32 +392,6 @@ def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:
         DriveMR.from_model(path, builder, index=builder.joint_qd_start[joint], **arguments)
         builder.end_world()
     return builder.finalize(device="cpu")
-
-
-@pytest.mark.parametrize("coupling", list(Coupling))
-def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path: Path) -> None:
-    """All effects of a model file, 150 steps through a masked reset: effort and bound are those of MrActuator."""
-    effects = tuple(effect(name) for name in MECHANISMS)
-    motor = {name: value for name, value in MrParams() if name in ("kp_base", "kd", "q_neutral")}
-    model = fitted_scene(model_file(tmp_path / "model.json", effects, K1=7.5), NUM, coupling=coupling, **motor)
-    rig = Rig(model)
-    other = reference(
-        model, MrActuatorCfg(coupling=coupling), {"K1": np.full(NUM, 7.5), "coil_resistance": np.zeros(NUM)}, effects
-    )
-    inputs, mask = trajectory(5, 150), wp.array([True, False, True, False, False], dtype=wp.bool, device="cpu")
-    for k in range(150):
-        now = {name: values[k] for name, values in inputs.items()}
-        rig.write(**now)
-        for name in ("q_des", "q", "qd", "f_foot"):
-            getattr(other.inputs, name).assign(now[name].astype(np.float32).reshape(-1, 1))
-        other.inputs.current_e.assign(now["current"].astype(np.float32))
-        if k == 80:
-            rig.now.reset(mask)
-            other.reset(mask)
-        tau = rig.step()
-        other.step()
-        np.testing.assert_allclose(tau, other.tau.numpy()[:, 0], rtol=3e-7, atol=1e-5)
-        np.testing.assert_allclose(rig.drive.brake_bound.numpy(), other.bound.numpy()[:, 0], rtol=3e-7, atol=1e-5)
 
 
 def test_inertia_of_a_model_file_is_armature(tmp_path: Path) -> None:

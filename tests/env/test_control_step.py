@@ -59,12 +59,6 @@ def test_graphs_give_the_bits_of_eager_launches(backend: BackendKind, terrain: s
     assert_same(graphs, eager, 20)
 
 
-def test_threads_give_the_same_bits_on_rough_ground() -> None:
-    """``mjbatch`` on one and two threads."""
-    one, two = (WalkEnv(make_cfg(MJBATCH, threads=threads, terrain="rough")) for threads in (1, 2))
-    assert_same(one, two, 20)
-
-
 @pytest.mark.slow
 def test_sixty_steps_on_mujoco_warp_with_resets() -> None:
     """One graph, replayed 60 times, on rough ground."""

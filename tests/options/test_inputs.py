@@ -75,14 +75,27 @@ def test_a_misspelt_path(command: str, tmp_path: Path, monkeypatch: pytest.Monke
     assert not list(tmp_path.iterdir())
 
 
-def test_no_engine_is_loaded_for_a_refusal() -> None:
-    """Nor USD, whose readers take half a second: all commands in one process, which loads none of them."""
+ENGINES = ("torch", "warp", "newton", "mujoco")
+OTHERS = (
+    *("train --device cuda:99", "train --out file", "play --agent zero --device cuda:99", "impact --out file"),
+    *("fit . --out file", "diagnose . --predict none.csv", "perf --device cuda:99", "reproduce all --out file"),
+    *("study collect --out file", "fit .", "diagnose ."),
+)
+"""Devices that are not there, an output folder that is a file, and a folder without recordings."""
+
+
+def test_no_engine_is_loaded_for_a_refusal(tmp_path: Path) -> None:
+    """For a path nor USD, whose readers take half a second: all commands in one process, which loads none of them."""
+    (tmp_path / "file").write_text("")
     lines = [f"{command} {words}" for command, words in MISSPELT.items()]
     code = (
         "import sys; from mrwarp.cli import main\n"
-        f"codes = {{line: main(line.split()) for line in {lines!r}}}\n"
-        "loaded = [name for name in ('warp', 'torch', 'newton', 'mujoco', 'pxr', 'scipy') if name in sys.modules]\n"
-        "sys.exit(f'{codes} {loaded}' if loaded or set(codes.values()) != {2} else 0)"
+        f"for lines, engines in (({lines!r}, {(*ENGINES, 'pxr', 'scipy')}), ({OTHERS!r}, {ENGINES})):\n"
+        "    codes = {line: main(line.split()) for line in lines}\n"
+        "    loaded = [name for name in engines if name in sys.modules]\n"
+        "    if loaded or set(codes.values()) != {2}: sys.exit(f'{codes} {loaded}')\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    run = [sys.executable, "-c", code]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=120, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import random
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -127,26 +126,6 @@ def test_damaged_files_are_refused(tmp_path: Path, kind: str) -> None:
     with pytest.raises(CheckpointError, match="use an earlier checkpoint|use a checkpoint that mrwarp wrote") as info:
         checkpoint.load(path)
     assert str(info.value).startswith(f"{path}: ") and "\n" not in str(info.value)
-
-
-@pytest.mark.filterwarnings("ignore")  # torch warns about pickles of odd versions
-def test_random_bytes_never_escape_as_another_error(tmp_path: Path) -> None:
-    """500 files of random bytes, cut or flipped checkpoints and pickles: CheckpointError or a dictionary, no more."""
-    path, rng = tmp_path / "checkpoint.pt", random.Random(0)
-    checkpoint.save(path, {"a": torch.zeros(20), "b": {"c": [1, 2.0, "d"]}})
-    good, pickled = path.read_bytes(), pickle.dumps({"a": 1, "b": [1, 2, {"c": "d"}]})
-    refused = 0
-    for trial in range(500):
-        data = bytearray((good, pickled, rng.randbytes(rng.randrange(1, 200)))[trial % 3])
-        for _ in range(rng.randrange(1, 6)):
-            data[rng.randrange(len(data))] = rng.randrange(256)
-        path.write_bytes(data[: rng.randrange(1, len(data) + 1)])
-        try:
-            assert isinstance(checkpoint.load(path), dict)
-        except CheckpointError as error:
-            refused += 1
-            assert str(error).startswith(f"{path}: ")
-    assert refused > 400
 
 
 @pytest.mark.parametrize("value", [{"weights": torch.zeros(2)}, {"format": 0}, {"format": "1"}, [1, 2], torch.zeros(3)])

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -14,10 +15,17 @@ from mrwarp.viewing.robot_pictures import SideView, _spans, contact_sheet
 from mrwarp.viewing.shapes import GATE_COLORS, robot_shapes
 
 
-def test_contact_sheet_is_not_blank(walk: Any, tmp_path: Path) -> None:
-    """The picture is written in one piece, small enough for a repository, and shows the gates' colours."""
-    path = tmp_path / "new" / "sheet.png"
+@pytest.fixture(scope="module")
+def sheet(walk: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The picture of four robots, in a new folder."""
+    path = tmp_path_factory.mktemp("sheet") / "new" / "sheet.png"
     contact_sheet(walk.env.sim.scene, walk.frames, walk.currents, path, title="test")
+    return path
+
+
+def test_contact_sheet_is_not_blank(sheet: Path) -> None:
+    """The picture is written in one piece, small enough for a repository, and shows the gates' colours."""
+    path = sheet
     assert [p.name for p in path.parent.iterdir()] == ["sheet.png"]
     assert path.stat().st_size < 300_000
     pixels = np.asarray(Image.open(path).convert("RGB")).reshape(-1, 3).astype(int)
@@ -28,11 +36,10 @@ def test_contact_sheet_is_not_blank(walk: Any, tmp_path: Path) -> None:
         assert near.sum() > 200, gate
 
 
-def test_contact_sheet_without_devices(walk: Any, tmp_path: Path) -> None:
+def test_contact_sheet_without_devices(walk: Any, sheet: Path, tmp_path: Path) -> None:
     """``go1`` has fewer panels and no gates."""
     contact_sheet(robot_scene(load_robot(robot="go1")), walk.without_devices(), [0.0], tmp_path / "go1.png")
-    contact_sheet(walk.env.sim.scene, walk.frames, walk.currents, tmp_path / "mr.png")
-    assert Image.open(tmp_path / "go1.png").height < Image.open(tmp_path / "mr.png").height
+    assert Image.open(tmp_path / "go1.png").height < Image.open(sheet).height
 
 
 def extents(walk: Any, qpos: np.ndarray) -> np.ndarray:

@@ -234,7 +234,7 @@ CLAIMS = (
         says="reduction of drop with a contact threshold of 3, 13 N [%]",
         measure=_reductions("reduction of CoM drop", "contact threshold 3 N", "contact threshold 13 N"),
         effect=True,
-        why="At 0 A our device drags, too. So 1.5 A add half of the torque that the paper's rows require (table 4).",
+        why="1.5 A add half of the torque that the paper's rows require (table 4).",
     ),
     Claim(
         id="push.thresholds/eps_e",
@@ -242,7 +242,7 @@ CLAIMS = (
         says="eps_e 0.01 to 0.09 rad: change of the reduction of drop [points]",
         measure=_reductions("change of the reduction of CoM drop", "error threshold 0.01 to 0.09 rad"),
         effect=True,
-        why="Right after the push begins a loaded calf has passed this range, hardly moving, so the threshold is idle.",
+        why="Right after the push begins a loaded calf has passed this range.",
     ),
     Claim(
         id="push.motor_torque/eps_e",
@@ -266,7 +266,7 @@ CLAIMS = (
         says="0 to 1.5 A: mean motor torque of the front and the rear stance leg [%]",
         measure=rows("fig6", "change", "FL, mean, 0 to 1.5 A", "RR, mean, 0 to 1.5 A"),
         effect=True,
-        why="Half of the paper's on both legs: its rows require twice the torque that our 1.5 A add (table 4).",
+        why="Half of the paper's on both legs, as in section 3.2.",
     ),
     Claim(
         id="push.motor_torque/peak",
