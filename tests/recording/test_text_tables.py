@@ -166,13 +166,13 @@ def test_containers_are_read_or_list_what_they_hold(tmp_path: Path) -> None:
 
 def test_a_log_at_a_megahertz_is_averaged_while_it_is_read(tmp_path: Path) -> None:
     """Means of a hundred rows, at 10 kHz: what is held of a text is a few times its length at most."""
-    count = 500_000
+    count = 250_000
     t = np.arange(count) * 1e-6
     q = 0.5 * np.sin(2.0 * np.pi * 20.0 * t)
     with (tmp_path / "a.csv").open("w") as file:
         file.write("t,q,current,torque\n")
-        for first in range(0, count, 100_000):
-            part = slice(first, first + 100_000)
+        for first in range(0, count, 125_000):
+            part = slice(first, first + 125_000)
             np.savetxt(file, np.column_stack([t, q, 0.0 * q, np.sin(9.0 * q)])[part], fmt="%.9f", delimiter=",")
     size = (tmp_path / "a.csv").stat().st_size
     code = (
