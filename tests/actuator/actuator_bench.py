@@ -40,10 +40,12 @@ def make_inputs(num_envs: int, joints: int, legs: int = 1, device: str = "cpu") 
     return ActuatorInputs(**arrays, current_e=wp.zeros(num_envs, dtype=float, device=device))
 
 
-def make_joints(mr: bool = True) -> list[Joint]:
-    """Two legs of three joints; the calves carry a device, and the two devices differ."""
+def make_joints(mr: bool = True, effects: tuple[Effect, ...] = ()) -> list[Joint]:
+    """Two legs of three joints; the calves carry a device, and the two devices differ: the second has the effects."""
     devices = {2: MrParams(), 5: MrParams().replace(coil_time_constant=0.02, K1=5.0)}
-    return [Joint(f"joint_{i}", devices.get(i) if mr else None, kp=25.0 + i) for i in range(6)]
+    return [
+        Joint(f"joint_{i}", devices.get(i) if mr else None, effects if i == 5 else (), kp=25.0 + i) for i in range(6)
+    ]
 
 
 @wp.kernel
@@ -79,11 +81,12 @@ class Bench:
         joints: Sequence[Joint] | None = None,
         residual: Any = None,
         share_params: bool = True,
+        legs: Sequence[int] = LEGS,
     ) -> None:
         self.joints = list(joints or make_joints())
-        self.inputs = make_inputs(num_envs, 6, 2)
+        self.inputs = make_inputs(num_envs, len(legs), max(legs) + 1)
         self.actuator = MrActuator(
-            self.joints, LEGS, self.inputs, dt=DT, cfg=cfg, residual=residual, share_params=share_params
+            self.joints, legs, self.inputs, dt=DT, cfg=cfg, residual=residual, share_params=share_params
         )
         for name in ("m_dyn", "m_hold", "tau_dyn", "tau_mr", "tau_motor", "tau", "bound"):
             getattr(self.actuator, name).fill_(float("nan"))
@@ -115,22 +118,23 @@ class Bench:
         return self.actuator.state() | outputs | inputs
 
 
-def random_inputs(rng: np.random.Generator, num_envs: int) -> dict[str, np.ndarray]:
+def random_inputs(rng: np.random.Generator, num_envs: int, legs: Sequence[int] = LEGS) -> dict[str, np.ndarray]:
     """States that open and close both gates."""
-    shape = (num_envs, 6)
+    shape = (num_envs, len(legs))
     return {
         "q_des": rng.normal(-1.5, 0.1, shape),
         "q": rng.normal(-1.5, 0.2, shape),
         "qd": rng.normal(0, 1, shape) * rng.choice([0.1, 1.0, 10.0], shape),
-        "f_foot": rng.uniform(0, 20, (num_envs, 2)),
+        "f_foot": rng.uniform(0, 20, (num_envs, max(legs) + 1)),
         "current_e": rng.uniform(0.2, 2, num_envs),
         "friction": rng.normal(0, 3, shape),
     }
 
 
 def rows(arrays: dict[str, np.ndarray], envs: Sequence[int] | np.ndarray) -> dict[str, np.ndarray]:
-    """Rows of the arrays that have one per environment; head and shared parameters stay as they are."""
-    return {name: x if name in ("head", "params") else x[list(envs)] for name, x in arrays.items()}
+    """Rows of the arrays that have one per environment; what is shared stays as it is."""
+    shared = ("head", "params", "effects_clock", "effects_values")
+    return {name: x if name in shared else x[list(envs)] for name, x in arrays.items()}
 
 
 def assert_bit_equal(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> None:

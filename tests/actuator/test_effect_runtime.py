@@ -6,18 +6,18 @@ import warp as wp
 
 from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.effect_runtime import values_row
-from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
 from mrwarp.effects.law import STRAIN_TIME
 from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
 from mrwarp.enums import Coupling, ZStep
 from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams
-from tests.actuator.actuator_bench import Joint, make_inputs
+from tests.actuator import actuator_bench as bench
+from tests.actuator.actuator_bench import Bench, Joint, assert_bit_equal
 from tests.effects.strengths import STRENGTHS
 
 DT = 0.005
-ENVS, JOINTS = 4, 2
+ENVS = 4
 MECHANISMS = [name for name, law in CATALOGUE.items() if law.kind == "mechanism" and name != "rotor_inertia"]
 """Effects that act in the kernels; inertia acts in the model, see tests/env/test_sim.py."""
 
@@ -39,7 +39,10 @@ def massless(name: str) -> Effect:
 ALL = tuple(effect(name) for name in MECHANISMS)
 
 
-class Rig:
+LEGS = [0, 0]
+
+
+class Rig(Bench):
     """An actuator with two devices on its own input arrays."""
 
     def __init__(
@@ -48,49 +51,17 @@ class Rig:
         *,
         num_envs: int = ENVS,
         cfg: MrActuatorCfg | None = None,
-        share_params: bool = True,
         params: MrParams | None = None,
         mixed: bool = False,
     ) -> None:
         mr = params or MrParams()
         joints = [Joint("a", mr, effects), Joint("b", mr.replace(K1=6.0), () if mixed else effects)]
-        self.inputs = make_inputs(num_envs, JOINTS)
-        self.actuator = MrActuator(joints, [0, 0], self.inputs, dt=DT, cfg=cfg, share_params=share_params)
-
-    def step(self, **values: np.ndarray) -> None:
-        """One torque step and its account on given inputs."""
-        for name, value in values.items():
-            array = getattr(self.inputs, name)
-            array.assign(np.ascontiguousarray(np.broadcast_to(value, array.shape), dtype=np.float32))
-        self.actuator.step()
-        self.actuator.account()
-
-    def everything(self) -> dict[str, np.ndarray]:
-        """State and outputs, copied."""
-        outputs = {name: getattr(self.actuator, name).numpy().copy() for name in ("tau", "tau_motor", "bound")}
-        return self.actuator.state() | outputs
+        super().__init__(num_envs, cfg, joints, legs=LEGS)
 
 
-def random_inputs(rng: np.random.Generator, num_envs: int = ENVS) -> dict[str, np.ndarray]:
+def random_inputs(rng: np.random.Generator) -> dict[str, np.ndarray]:
     """States that open and close both gates."""
-    shape = (num_envs, JOINTS)
-    return {
-        "q_des": rng.normal(-1.5, 0.1, shape), "q": rng.normal(-1.5, 0.2, shape),
-        "qd": rng.normal(0, 1, shape) * rng.choice([0.1, 1.0, 10.0], shape),
-        "f_foot": rng.uniform(0, 20, (num_envs, 1)), "current_e": rng.uniform(0.2, 2, num_envs),
-        "friction": rng.normal(0, 3, shape),
-    }  # fmt: skip
-
-
-def rows(arrays: dict[str, np.ndarray], env: int) -> dict[str, np.ndarray]:
-    """One environment of every array that has one row per environment."""
-    shared = ("head", "params", "effects_clock", "effects_values")
-    return {name: x[env : env + 1] for name, x in arrays.items() if name not in shared}
-
-
-def assert_bit_equal(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> None:
-    """Same bytes of everything that both have, NaN included."""
-    assert [name for name in want if got[name].tobytes() != want[name].tobytes()] == []
+    return bench.random_inputs(rng, ENVS, LEGS)
 
 
 @pytest.mark.parametrize("coupling", list(Coupling))
@@ -107,7 +78,8 @@ def test_null_effects_are_the_plain_laws_bit_for_bit(coupling: Coupling, z_step:
         x = random_inputs(rng)
         plain.step(**x)
         extended.step(**x)
-        assert_bit_equal(extended.everything(), plain.everything())
+        got, want = extended.everything(), plain.everything()
+        assert_bit_equal({name: got[name] for name in want}, want)
 
 
 def test_without_effects_the_plain_kernels_run() -> None:
@@ -316,21 +288,6 @@ def test_passivity_survives_all_effects(coupling: Coupling) -> None:
                 assert (rig.actuator.tau_mr.numpy() * x["qd"]).max() <= 0.0
 
 
-def test_environment_of_a_batch_is_the_same_environment_alone() -> None:
-    """All effects, one device with and one without, 60 steps in a batch and one by one: bit-equal."""
-    together = Rig(ALL, share_params=False, mixed=True)
-    alone = [Rig(ALL, num_envs=1, mixed=True) for _ in range(ENVS)]
-    rng = np.random.default_rng(8)
-    for _ in range(60):
-        x = random_inputs(rng)
-        together.step(**x)
-        for k, rig in enumerate(alone):
-            rig.step(**{name: value[k : k + 1] for name, value in x.items()})
-    got = together.everything()
-    for k, rig in enumerate(alone):
-        assert_bit_equal(rows(got, k), rows(rig.everything(), 0))
-
-
 def test_device_without_effects_beside_one_with_them_is_plain() -> None:
     """In an actuator with effects on one joint, the other joint's numbers are those of the plain laws."""
     mixed, plain = Rig(ALL, mixed=True), Rig()
@@ -343,55 +300,3 @@ def test_device_without_effects_beside_one_with_them_is_plain() -> None:
         got, want = mixed.everything()[name], plain.everything()[name]
         assert np.array_equal(got[:, 1], want[:, 1])
     assert not np.array_equal(mixed.everything()["tau_dyn"][:, 0], plain.everything()["tau_dyn"][:, 0])
-
-
-def test_masked_reset_leaves_the_others_bit_equal() -> None:
-    """After 59 steps two of four environments are reset: cold, without current; the others go on as a twin does."""
-    rig, twin = Rig(ALL), Rig(ALL)
-    rng = np.random.default_rng(10)
-    for _ in range(59):
-        x = random_inputs(rng)
-        rig.step(**x)
-        twin.step(**x)
-    mask = np.array([False, True, False, True])
-    rig.actuator.reset(wp.array(mask, dtype=wp.bool, device="cpu"))
-    state = rig.actuator.state()
-    for name in ("effects_heat", "effects_memory", "effects_commands", "effects_newest"):
-        assert not state[name][mask].any() and twin.actuator.state()[name][mask].any(), name
-    for _ in range(5):
-        x = random_inputs(rng)
-        rig.step(**x)
-        twin.step(**x)
-        for k in (0, 2):
-            assert_bit_equal(rows(rig.everything(), k), rows(twin.everything(), k))
-
-
-def test_state_resumes_bit_equal() -> None:
-    """A new actuator that loads the state goes on bit-equal, drawn values and the session's time included."""
-    rig, resumed = Rig(ALL, share_params=False), Rig(ALL, share_params=False)
-    assert rig.actuator.effects is not None
-    rng = np.random.default_rng(11)
-    lag = rig.actuator.effects.value("coil_lag", "time_constant")
-    wp.to_torch(lag).copy_(wp.to_torch(wp.array(rng.uniform(0.01, 0.05, lag.shape).astype(np.float32), device="cpu")))
-    for _ in range(33):
-        rig.step(**random_inputs(rng))
-    resumed.actuator.load_state(rig.actuator.state())
-    for _ in range(20):
-        x = random_inputs(rng)
-        rig.step(**x)
-        resumed.step(**x)
-    assert_bit_equal(resumed.everything(), rig.everything())
-
-
-def test_captured_steps_equal_eager_ones() -> None:
-    """The stages with effects can be recorded as a graph and replayed bit-equal."""
-    eager, captured = Rig(ALL), Rig(ALL)
-    x = random_inputs(np.random.default_rng(12))
-    eager.step(**x)
-    captured.step(**x)
-    with wp.ScopedCapture(device="cpu") as capture:
-        captured.actuator.step()
-    for _ in range(7):
-        eager.actuator.step()
-        wp.capture_launch(capture.graph)
-    assert_bit_equal(captured.everything(), eager.everything())

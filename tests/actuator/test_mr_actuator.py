@@ -12,6 +12,7 @@ from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
 from mrwarp.kernels.mr_joint import FIELDS
+from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
 from mrwarp.runtime import DeviceWarning
 from tests.actuator.actuator_bench import (
@@ -25,6 +26,7 @@ from tests.actuator.actuator_bench import (
     random_inputs,
     rows,
 )
+from tests.actuator.test_effect_runtime import ALL
 
 CFGS = [
     MrActuatorCfg(coupling=coupling, hold_current=hold, z_step=z_step)
@@ -37,12 +39,19 @@ CFGS = [
 each_cfg = pytest.mark.parametrize("cfg", CFGS, ids=lambda c: f"{c.coupling.value}-{c.hold_current.value}")
 
 
+each_device = pytest.mark.parametrize("effects", [(), ALL], ids=["plain", "effects"])
+"""Devices by the kernels of the plain laws, and a second one with every effect by those with effects."""
+
+
 @each_cfg
+@each_device
 @pytest.mark.parametrize("share_params", [True, False])
-def test_environment_of_a_batch_equals_the_same_environment_alone(cfg: MrActuatorCfg, share_params: bool):
+def test_environment_of_a_batch_equals_the_same_environment_alone(
+    cfg: MrActuatorCfg, effects: tuple[Effect, ...], share_params: bool
+):
     """8 environments together and one by one, 50 random steps: every array bit-equal."""
-    together = Bench(8, cfg, share_params=share_params)
-    alone = [Bench(1, cfg) for _ in range(8)]
+    together = Bench(8, cfg, make_joints(effects=effects), share_params=share_params)
+    alone = [Bench(1, cfg, make_joints(effects=effects)) for _ in range(8)]
     rng, gates = np.random.default_rng(21), np.zeros(2)
     for _ in range(50):
         x = random_inputs(rng, 8)
@@ -53,18 +62,18 @@ def test_environment_of_a_batch_equals_the_same_environment_alone(cfg: MrActuato
     got = together.everything()
     assert np.isfinite(got["tau"]).all() and np.isfinite(got["tau_mr"]).all()
     assert gates.min() > 50
-    got.pop("params")
+    numbers = ("params", "effects_values")
     for k in range(8):
-        want = alone[k].everything()
-        want.pop("params")
-        assert_bit_equal(rows(got, [k]), want)
+        ours, want = rows(got, [k]), alone[k].everything()
+        assert_bit_equal(*({name: x for name, x in found.items() if name not in numbers} for found in (ours, want)))
 
 
-def test_reset_of_a_mask_leaves_other_environments_bit_equal():
-    """After 60 steps (the ring has wrapped), reset 3 of 8: only they change, and all continue as if alone."""
-    bench, twin = Bench(8), Bench(8)
+@each_device
+def test_reset_of_a_mask_leaves_other_environments_bit_equal(effects: tuple[Effect, ...]):
+    """After 61 steps (the ring has wrapped), reset 3 of 8: only they change, and all continue as if alone."""
+    bench, twin = (Bench(8, joints=make_joints(effects=effects)) for _ in range(2))
     rng = np.random.default_rng(22)
-    for _ in range(60):
+    for _ in range(61):
         x = random_inputs(rng, 8)
         bench.step(**x)
         twin.step(**x)
@@ -73,8 +82,9 @@ def test_reset_of_a_mask_leaves_other_environments_bit_equal():
     bench.actuator.reset(wp.array(mask, dtype=wp.bool, device="cpu"))
     assert_bit_equal(rows(bench.everything(), kept), rows(twin.everything(), kept))
     state = rows(bench.actuator.state(), hit)
-    for name in ("z", "current", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr"):
-        assert not state[name].any(), name
+    memory = ("effects_heat", "effects_memory", "effects_commands", "effects_newest") if effects else ()
+    for name in ("z", "current", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr", *memory):
+        assert not state[name].any() and twin.actuator.state()[name][hit].any(), name
     neutral = MrParams().bouc_wen
     q_c = x["q"][hit][:, CALVES] - neutral.q_neutral - neutral.q_offset
     np.testing.assert_allclose(state["ring"][..., 0], np.repeat(q_c[:, :, None], WINDOW, axis=2), rtol=0, atol=1e-6)
@@ -104,11 +114,15 @@ def test_reset_of_all_equals_a_new_actuator():
 
 
 @each_cfg
-def test_state_resumes_bit_equal(cfg: MrActuatorCfg):
-    """A new actuator that loads the state after 33 steps continues bit-equal, changed parameters included."""
-    bench, resumed = Bench(4, cfg, share_params=False), Bench(4, cfg, share_params=False)
+@each_device
+def test_state_resumes_bit_equal(cfg: MrActuatorCfg, effects: tuple[Effect, ...]):
+    """A new actuator that loads the state after 33 steps continues bit-equal, changed numbers and time included."""
+    bench, resumed = (Bench(4, cfg, make_joints(effects=effects), share_params=False) for _ in range(2))
     rng = np.random.default_rng(24)
     bench.actuator.set_param("K1", rng.uniform(5, 15, (4, 2)))
+    if bench.actuator.effects is not None:
+        lag = bench.actuator.effects.value("coil_lag", "time_constant")
+        lag.assign(rng.uniform(0.01, 0.05, lag.shape).astype(np.float32))
     for _ in range(33):
         bench.step(**random_inputs(rng, 4))
     state = bench.actuator.state()
@@ -125,9 +139,10 @@ def test_state_resumes_bit_equal(cfg: MrActuatorCfg):
 
 @pytest.mark.parametrize("substeps", [1, 2, 3, 5])
 @each_cfg
-def test_captured_steps_equal_eager_steps(cfg: MrActuatorCfg, substeps: int):
+@each_device
+def test_captured_steps_equal_eager_steps(cfg: MrActuatorCfg, effects: tuple[Effect, ...], substeps: int):
     """A captured loop of steps, plant and account, replayed 12 times, is bit-equal to running it eagerly."""
-    eager, captured = Bench(4, cfg), Bench(4, cfg)
+    eager, captured = (Bench(4, cfg, make_joints(effects=effects)) for _ in range(2))
     start = random_inputs(np.random.default_rng(25), 4)
     for bench in (eager, captured):
         bench.write(**start)
