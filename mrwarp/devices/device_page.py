@@ -83,7 +83,7 @@ def _place(source: str) -> str:
 def _page_of(device: Device) -> str:
     """One device: what it is, its loops, where it holds, and where its numbers stand."""
     name = device.name
-    parts = [f"# {name}", "", f"{device.stated['title']} ({device.stated['kind']}). [All devices](../devices.md)", ""]
+    parts = [f"# {name}", "", f"{device.stated['title']} ({device.stated['kind']}).", ""]
     parts += [f"![Loops of {name}](../images/devices/{name}.png)", ""]
     parts += [
         f"* **{fact}**: {_safe(text.removesuffix(_AS_ALL), fact)}"
