@@ -2,6 +2,7 @@
 
 import difflib
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -78,17 +79,18 @@ def test_set_in_binary_file_and_in_sublayer(robot):
     assert robot.read_bytes() == SHIPPED.read_bytes()
 
 
-def foreign(path: Path, kind: str) -> Path:
-    """The robot's file as another USD tool leaves it."""
+def foreign(path: Path, kind: str, change: Callable[[Sdf.PrimSpec], None] = lambda _: None) -> Path:
+    """The robot's file as another USD tool leaves it, which may change the class of the devices."""
     stage = Usd.Stage.Open(str(path))
     out = path.with_name(f"foreign{'.usdc' if kind == 'usdc' else '.usda'}")
     layer = stage.Flatten() if kind == "flattened" else stage.GetRootLayer()
     copy = Sdf.Layer.CreateAnonymous(".usda")
     copy.TransferContent(layer)
-    specs = [s for s in copy.GetPrimAtPath("/mr_go/parts/MRDevice").attributes if s.name.startswith(PREFIX)]
-    for spec in specs if kind == "float" else ():
+    device = copy.GetPrimAtPath("/mr_go/parts/MRDevice")
+    for spec in [s for s in device.attributes if s.name.startswith(PREFIX)] if kind == "float" else ():
         spec.SetInfo("typeName", "float")
         spec.default = spec.default
+    change(device)
     assert copy.Export(str(out))
     return out
 

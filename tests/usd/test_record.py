@@ -21,6 +21,7 @@ from mrwarp.usd.edit import edit_asset, find_prim
 from mrwarp.usd.open_stage import ASSETS, AssetError
 from mrwarp.usd.record import PREFIX, RECORD, read_model, record_difference, record_text
 from tests.messages import Refused, has_parts
+from tests.usd.test_edit import foreign
 
 SHIPPED = ASSETS / "mr_go.usda"
 REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -210,24 +211,16 @@ def test_a_leg_keeps_its_own_model(robot: Path, model: Model, capsys: pytest.Cap
 def test_files_of_another_tool(robot: Path, model: Model, kind: str) -> None:
     """Exported, binary, flattened, with 32-bit numbers, in another order, custom: the model is the same."""
     applied(robot, model)
-    layer = Sdf.Layer.CreateAnonymous(".usda")
-    stage = Usd.Stage.Open(str(robot))
-    layer.TransferContent(stage.Flatten() if kind == "flattened" else stage.GetRootLayer())
-    device = layer.GetPrimAtPath("/mr_go/parts/MRDevice")
-    if kind == "float":
-        for spec in [s for s in device.attributes if s.name.startswith(PREFIX)]:
-            spec.SetInfo("typeName", "float")
-            spec.default = spec.default
-    if kind == "unlocked":
-        device.attributes[RECORD].custom = True
-    if kind == "reordered":
-        kept = [(s.name, s.typeName, s.default) for s in device.attributes]
+
+    def change(device: Sdf.PrimSpec) -> None:
+        if kind == "unlocked":
+            device.attributes[RECORD].custom = True
+        kept = [(s.name, s.typeName, s.default) for s in device.attributes] if kind == "reordered" else []
         for name, type_name, value in reversed(kept):
             device.RemoveProperty(device.attributes[name])
             Sdf.AttributeSpec(device, name, type_name).default = value
-    out = robot.with_name("foreign.usdc" if kind == "usdc" else "foreign.usda")
-    assert layer.Export(str(out))
-    assert bits(held(out).model) == bits(model)
+
+    assert bits(held(foreign(robot, kind, change)).model) == bits(model)
 
 
 def test_another_tool_edits_or_drops(robot: Path, model: Model) -> None:
@@ -276,17 +269,10 @@ def entry(*keys: Any, to: Any) -> Callable[[dict], str]:
         (lambda c: json.dumps(c) + "\n\x1b[2J", "not JSON"),
         (entry("model", to="x" * 10_000), "object"),
         (entry("model", "schema", to=7), "model: schema = 7 .. 1"),
-        (entry("model", "parameters", "D", "value", to=float("nan")), "parameters.D.value = nan .. finite"),
-        (entry("model", "parameters", "D", "value", to=10**400), "parameters.D.value = 1000000"),
-        (entry("model", "parameters", "D", "value", to="1"), "parameters.D.value = '1' .. finite"),
         (entry("model", "parameters", "D", "value", to=1.1e6), "D = 1.1e+06 .. -1e+06 to 1e+06 N·m"),
-        (entry("model", "parameters", "D", "ci95", to=[1, 2]), "parameters.D.ci95 = [1.0, 2.0]"),
         (entry("model", "parameters", "\x1b[2J", to={}), "parameters.'\\x1b[2J'"),
         (entry("model", "units", "q", to="deg"), "convert .. unit"),
         (lambda c: json.dumps(c).replace("rad", "m"), "model: units = {'current': 'A', 'q': 'm'"),
-        (entry("model", "fitted_on", "source", to={"a": "b" * 10_000}), "fitted_on.source = {'a': 'bbbb"),
-        (entry("model", "effects", to=[3]), "effects[0] = 3 .. object"),
-        (entry("model", "note", to=1), "'note'"),
         (entry("rest", "kd", to=...), "rest: kd is missing"),
         (entry("rest", "kd", to=float("inf")), "rest.kd = inf .. finite"),
         (entry("rest", "D", to=1.0), "rest .. 'D'"),
@@ -301,7 +287,10 @@ def test_damaged_record_is_refused(
     refused: Refused,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The robot still loads; show names prim, key, value and remedy in one short line."""
+    """The robot still loads; show names prim, key, value and remedy in one short line.
+
+    What a model's content may be is tested with model.json.
+    """
     monkeypatch.setattr(asset_record, "MAX_CHARACTERS", 200_000)
     stage = Usd.Stage.Open(str(robot))
     device = stage.GetPrimAtPath("/mr_go/parts/MRDevice")
