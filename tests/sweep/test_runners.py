@@ -1,6 +1,5 @@
-"""A trial is begun again from its checkpoint when it is killed, not when its input is bad; where it runs; stopping."""
+"""A trial is begun again from its checkpoint when it is killed, not when its input is bad; where it runs."""
 
-import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -36,28 +35,6 @@ def test_how_a_trial_ends(tmp_path: Path, seed: int, retries: int, state: str, a
     status = read_status(trial)
     assert (status.state, status.attempts, status.why) == (state, attempts, why)
     assert bool(status.last_lines) == (state == "failed")
-
-
-@pytest.mark.usefixtures("fake")
-def test_stopping_lets_the_trial_save(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the mark it saves and ends; with it again it goes on from there; none begins without."""
-    monkeypatch.setenv("FAKE_STEP_TIME", "0.5")
-    trial = make_trial(tmp_path)
-    saved = trial.folder / "checkpoint.pt"
-    run = threading.Thread(target=run_trial, args=(trial, tmp_path / "running", 2, {}))
-    run.start()
-    while not saved.is_file():
-        time.sleep(0.05)
-    (tmp_path / "running").unlink()
-    run.join()
-    reached = int(saved.read_text())
-    assert 0 < reached < 20 and read_status(trial).state == "stopped"
-    run_trial(trial, tmp_path / "running", 2, {})
-    assert read_status(trial).state == "waiting" and int(saved.read_text()) == reached
-    monkeypatch.setenv("FAKE_STEP_TIME", "0")
-    run_trial(make_trial(tmp_path), tmp_path / "running", 0, {})
-    assert read_status(trial).state == "done"
-    assert f"starts at step {reached}" in (trial.folder / "log.txt").read_text()
 
 
 @pytest.mark.usefixtures("fake")
