@@ -196,16 +196,13 @@ def _claims(found: Results) -> str:
 
     Claims that exclude each other are left out: the paper's figures against each other have a block of their own.
     """
-    shown = [name for name in CLAIM_HEAD if name != "effect"]
     rows = []
     for judged in judge_all(found):
         if judged.claim.excluded:
             continue
-        cells = dict(zip(CLAIM_HEAD, claim_row(judged), strict=True))
-        cells["SD of ours"] = cells["SD of ours"].partition(" (paper")[0]
-        cells[""] = FIRST_SENTENCE.split(cells[""])[0].rstrip(".")
-        rows.append([cells[name] for name in shown])
-    return _table(shown, rows)
+        *figures, spread, _, verdict, why = claim_row(judged)
+        rows.append([*figures, spread.partition(" (paper")[0], verdict, FIRST_SENTENCE.split(why)[0].rstrip(".")])
+    return _table([name for name in CLAIM_HEAD if name != "effect"], rows)
 
 
 def counts(found: Results) -> tuple[str, str]:
