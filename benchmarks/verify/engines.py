@@ -1,4 +1,4 @@
-"""Do the engines agree, and are runs the same bits: float32 against float64, captured or eager, alone or in a batch.
+"""Do the engines agree, and are runs the same bits: float32 against float64, alone or in a batch.
 
 Tolerance of the engines' agreement, a priori. Both engines solve ``M*qacc = forces`` at every step. In float32 the
 solution carries a relative error of at most about ``kappa(M)*eps32`` (condition number of the inertia matrix times
@@ -166,12 +166,6 @@ def _lowest(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return float(min(heights))
 
 
-def captured_equals_eager() -> dict[int, bool]:
-    """Whether captured steps of MuJoCo-Warp leave the same bits as eager ones, by steps per launch."""
-    captured, eager = (standing_robot((1.0, 1.0), backend=BackendKind.MJWARP, capture=c) for c in (True, False))
-    return {count: _same_after(captured, eager, count) for count in (1, 2, 3, 5)}
-
-
 def alone_equals_batch(backend: BackendKind) -> float:
     """Largest difference of any state between an environment in a batch of three and the same one alone."""
     currents = (0.0, 0.5, 1.5)
@@ -204,16 +198,6 @@ def _restart(robot: ActuatedSim, starts: np.ndarray) -> None:
     robot.sim.unsolved.zero_()
     robot.actuator.head.zero_()
     robot.reset(None, wp.array(starts, dtype=float, device="cpu"))
-
-
-def _same_after(captured: ActuatedSim, eager: ActuatedSim, count: int) -> bool:
-    """Whether both robots hold the same bits after twelve times ``count`` steps from the same foot-fall."""
-    for robot in (captured, eager):
-        _restart(robot, _landing(robot))
-        for _ in range(12):
-            robot.step(count)
-    left, right = _everything(captured), _everything(eager)
-    return all(np.array_equal(left[name], right[name]) for name in left)
 
 
 def _everything(robot: ActuatedSim) -> dict[str, np.ndarray]:

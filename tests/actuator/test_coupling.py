@@ -8,7 +8,6 @@ from mrwarp.actuator.actuator_cfg import MrActuatorCfg
 from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.enums import Coupling
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
-from mrwarp.kernels.ledger import ENTRIES
 from mrwarp.params import MrParams
 from tests.actuator.actuator_bench import CALVES, DT, EPS, LEGS, Bench, f32, make_joints, random_inputs
 
@@ -100,25 +99,6 @@ def test_a_device_without_gates_holds_next_to_a_learned_torque_too():
         most = MrParams().hold.yield_torque(bench.actuator.current.numpy().astype(float))
         np.testing.assert_allclose(bound, np.where(held, np.maximum(most, tau), tau), rtol=1e-5)
         assert held.any() and not held.all()
-
-
-def test_constraint_coupling_is_passive_in_discrete_time():
-    """Loaded light joints settle for 1 s: the constraint injects nothing, the explicit device does positive work."""
-    works = {}
-    for coupling in Coupling:
-        bench, rng = Bench(16, MrActuatorCfg(coupling=coupling)), np.random.default_rng(31)
-        bench.write(**random_inputs(rng, 16) | {"f_foot": np.full(2, 50.0)})
-        for _ in range(200):
-            bench.substep()
-        ledger = np.moveaxis(bench.actuator.ledger.numpy()[:, CALVES], -1, 0)
-        works[coupling] = dict(zip(ENTRIES, ledger, strict=True))
-    brake, explicit = works[Coupling.CONSTRAINT], works[Coupling.EXPLICIT]
-    # a stopped joint keeps a velocity of rounding, 2^-24 of its last one: 25 N·m * 1e-7 rad/s * 5 ms = 1e-8 J
-    assert brake["injected"].max() < 1e-8
-    assert (brake["dynamic"] + brake["hold"] + brake["drag"]).min() < -0.5
-    # at the first instant eq. 6 opposes the motion; over the step it turns the joint around and pushes it
-    assert explicit["dynamic"].max() > 1e-3
-    assert explicit["injected"].max() > 1e-3
 
 
 def test_sal_off_keeps_the_drag():
