@@ -31,8 +31,7 @@ _HEAD = """# Identified devices
 
 Real devices, identified from public recordings, of which the library holds the numbers alone. Every `--model` takes a
 name, and so does `mrwarp.load_model("NAME")`. `mrwarp device show NAME` prints the numbers with their intervals. Only
-devices in rad, A and N·m can be put into a robot. `mrwarp device page` writes these pages from `models/devices`;
-[how to add one](extend.md#a-device).
+devices in rad, A and N·m can be put into a robot. [How to add one](extend.md#a-device).
 
 A number holds in the range that was recorded. The error on unseen runs is the RMS of measured minus predicted torque
 over the standard deviation of the measured one. Each run is predicted by a fit to the others, but law and effects were
