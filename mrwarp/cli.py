@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import errno
 import gc
+import itertools
 import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
-from mrwarp.options.command_line import MODELS, CommandLine, OptionError, parse, values
-from mrwarp.options.command_table import COMMANDS, Command, Group
+from mrwarp.options.command_line import MODELS, CommandLine, OptionError, parse, renamed_notes, values
+from mrwarp.options.command_table import COMMANDS, GONE, Command, Group
 from mrwarp.options.extras import missing_extra
 from mrwarp.run_dir import FolderError, one_line
 from mrwarp.runtime import closest, exit_code, one_of_several, one_voice, quiet_libraries
@@ -51,10 +52,17 @@ def _main(words: list[str], prog: str) -> int:
         if not words or words[0] in ("-h", "--help"):
             print(_usage(called, entry))
             return 0 if words else 2
+        if gone := GONE.get(called.rpartition(" ")[2], {}).get(words[0]):
+            return _refuse(called, f"{words[0]} is gone; see {gone}", 2)
         if words[0] not in entry.commands:
             hint = closest(words[0], entry.commands)
             return _refuse(called, f"there is no command {words[0]!r}; {hint}see {called} --help", 2)
         called, entry = f"{called} {words[0]}", entry.commands[words.pop(0)]
+    named = itertools.takewhile(lambda word: not word.startswith("-"), words)
+    options = itertools.takewhile(lambda word: word != "--", words)
+    for word in (*named, *(word for word in options if word.startswith("--"))):
+        if gone := GONE.get(called.rpartition(" ")[2], {}).get(word.partition("=")[0]):
+            return _refuse(called, f"{word} is gone; see {gone}", 2)
     for asked, variant in entry.variants.items():
         if words[:1] == [asked[0]] and set(asked) <= set(words):
             called, entry = f"{called} {' '.join(asked)}", variant
@@ -69,6 +77,8 @@ def _run(command: Command, line: CommandLine) -> int:
     try:
         with one_voice():
             options = parse(command.load(), line.argv, line.prog)
+            for note in renamed_notes(line.argv, type(options)):
+                print(note, file=sys.stderr, flush=True)
             if not one_of_several():  # then the processes agree on who complains
                 options.check()
                 check_models(values(options))

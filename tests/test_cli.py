@@ -13,7 +13,7 @@ import pytest
 
 from mrwarp import cli
 from mrwarp.enums import LEARNED
-from mrwarp.options.command_line import option_fields, option_flags
+from mrwarp.options.command_line import option_fields, option_flags, parse, renamed_notes, values
 from mrwarp.options.command_table import all_commands
 from mrwarp.resources import DEFAULT_POLICY, shipped_model
 from mrwarp.run_dir import claim
@@ -154,6 +154,18 @@ def test_version(capsys: pytest.CaptureFixture) -> None:
     """``mrwarp --version``."""
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out == f"mrwarp {version('mrwarp')}\n"
+
+
+def test_an_option_of_another_name_is_taken_and_the_new_one_named() -> None:
+    """One word per thing; the kind of network keeps its earlier name next to the new one."""
+    mission = dict(all_commands())["mission"].load()
+    for words in (["--seeds", "2"], ["--seeds=2"]):
+        assert values(parse(mission, words, "mrwarp mission"))["trials"] == 2
+        assert renamed_notes(words, mission) == ["note: --seeds is called --trials now"]
+    assert renamed_notes(["--trials", "2"], mission) == []
+    learn = dict(all_commands())["learn"].load()
+    for name in ("--kind", "--model"):
+        assert vars(parse(learn, ["data", "--out", "o", name, "mlp"], "mrwarp learn"))["kind"] == "mlp"
 
 
 def test_shipped_files_are_there() -> None:

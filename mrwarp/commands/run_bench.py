@@ -100,7 +100,7 @@ class Bench(Options):
             return BenchCfg(**chosen, effects=effects, params=device)
         if self.effect or self.scale_effects != 1.0:
             raise ValueError("--only hides these effects and no others; leave --effect and --scale-effects out")
-        chosen |= {name: value for name, value in SHORT.items() if name not in given(line)}
+        chosen |= {name: value for name, value in SHORT.items() if name not in given(line, Bench)}
         return BenchCfg(**chosen, effects=Effects.alone(**dict(self.only)), params=device)
 
     def _run(self, cfg: BenchCfg, line: CommandLine) -> int:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from tyro.conf import arg
+
 from mrwarp.enums import BENCH_PARTS, HYSTERESIS_LAWS, LEARNED
 from mrwarp.identify.checks.limits import Limits
 from mrwarp.options import option_types as opt
@@ -234,8 +236,8 @@ class Learn(Options):
     """recording: a file or a folder"""
     out: opt.Folder
     """output folder"""
-    kind: Annotated[str, opt.one_of(LEARNED)] = "pg_rlstm"
-    """kind of network"""
+    kind: Annotated[str, opt.one_of(LEARNED), arg(aliases=["--model"])] = "pg_rlstm"
+    """kind of network; --model is its earlier name"""
     bouc_wen: opt.OptionalFile = None
     """model.json of 'mrwarp fit' or 'mrwarp diagnose', or a device of 'mrwarp device list' (default: the paper)"""
     epochs: opt.Count = 80

@@ -37,6 +37,7 @@ class Mission(EnergyOptions):
     A window of every phase is simulated and carried over the whole phase by the electrical, battery and thermal models.
     """
 
+    renamed = {"seeds": "trials"}
     out: opt.Folder = Path("runs/mission")
     """output folder"""
     robot: Annotated[tuple[str, ...], opt.some(_of_paper, f"{{{','.join(ROBOTS)}}}")] = ROBOTS

@@ -50,6 +50,7 @@ class Play(Options):
     robot, devices and ground is what the policy was trained with; there are as many robots as currents.
     """
 
+    renamed = {"actuator-model": "actuator-file"}
     policy: Annotated[opt.OptionalText, WHO] = None
     """exported policy (.onnx), as 'mrwarp train' writes it"""
     agent: Annotated[Literal["zero", "random", "sine"] | None, WHO] = None
@@ -127,7 +128,7 @@ class Play(Options):
 
     def _prepare(self, line: CommandLine) -> Player:
         """The player, with its viewers open; nothing is written when something is wrong."""
-        typed = given(line)
+        typed = given(line, Play)
         for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
         if self.film is not None:
@@ -245,7 +246,7 @@ class Play(Options):
             cfg = replace(cfg, **{name: getattr(theirs, name) for name in TRAINED})
         plant = PlantCfg(**{each.name: getattr(cfg, each.name) for each in fields(PlantCfg)})
         plant = parse(Play, line.argv, line.prog, Play(plant=plant)).plant
-        typed = given(line)
+        typed = given(line, Play)
         others = any(
             name in typed and getattr(plant, name) != trained.get(name) for name in ("robot", "asset", "model")
         )

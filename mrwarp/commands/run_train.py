@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, create_mutex_group
 
+from mrwarp.enums import CurrentCommand
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options, given, parse
 from mrwarp.rl.train_cfg import TrainCfg
@@ -26,6 +27,10 @@ BEGIN = create_mutex_group(required=False, title="begin with")
 class Train(opt.ViewOptions):
     """Train a robot on legs, with MR devices at its joints, until it passes its trials of walking (the gate)."""
 
+    renamed = {
+        "actuator-model": "actuator-file",
+        **{f"current {command.value}": "current-by" for command in CurrentCommand},
+    }
     cfg: TrainCfg = field(default_factory=TrainCfg)
     power_price: Annotated[float | None, opt.one(opt.not_negative, "X")] = None
     """reward taken per watt of motors and coils, as --reward power=-X; the policies in policies/energy pay 0.002"""
@@ -64,7 +69,7 @@ class Train(opt.ViewOptions):
         ranks = Ranks()
         try:
             ranks = Ranks.join()
-            out = self.resume.parent if self.resume and "out" not in given(line) else self.out
+            out = self.resume.parent if self.resume and "out" not in given(line, Train) else self.out
             with claim(out) if ranks.main else contextlib.nullcontext():  # before its checkpoint is read
                 options = resumed(self.resume, line, ranks) if self.resume else self
                 return options._train(line, ranks)
@@ -186,7 +191,7 @@ def resumed(path: Path, line: CommandLine, ranks: Ranks) -> Train:
         default = Train(cfg=replace(saved, run=replace(saved.run, out=path.parent)))
         found = parse(Train, line.argv, line.prog, default)
         asked = found.priced()
-        if "device" not in given(line):
+        if "device" not in given(line, Train):
             asked = replace(asked, task=replace(asked.task, device=device))
         checkpoint.check_same(path, content, asked)
         update = int(content["iteration"])

@@ -112,6 +112,12 @@ class Options:
     networks: ClassVar[bool] = True
     """Whether it loads torch then; what recordings need does not."""
 
+    renamed: ClassVar[dict[str, str]] = {}
+    """New spelling of each option that had another one, without the hyphens; ``name value`` for one value of it.
+
+    The old one is taken, and a line names the new one.
+    """
+
     @property
     def on_gpu(self) -> bool:
         """Whether a GPU was asked for."""
@@ -197,11 +203,12 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str, default: Opti
     try:
         with events.on_parse_error(refuse), contextlib.redirect_stdout(printed), _plain():
             read: Any = Annotated[options, *_READ]
+            words = respelled(argv, options)
             if default is None:
-                return tyro.cli(read, args=argv, prog=prog)
+                return tyro.cli(read, args=words, prog=prog)
             # tyro does not know a flag that is set already
             on = {f"--{name.replace('_', '-')}" for name, value in values(default).items() if value is True}
-            words = [word for word in argv if word not in on]
+            words = [word for word in words if word not in on]
             return tyro.cli(read, args=words, prog=prog, default=default)
     except SystemExit:
         shown = _NO_DEFAULT.sub("", printed.getvalue())
@@ -212,9 +219,28 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str, default: Opti
         raise
 
 
-def given(line: CommandLine) -> set[str]:
+def respelled(argv: Sequence[str], options: type) -> list[str]:
+    """The words, with options that have another name now under that."""
+    renamed, words = getattr(options, "renamed", {}), list(argv)
+    for k, word in enumerate(words):
+        name, equals, value = word.removeprefix("--").partition("=")
+        follows = value if equals else next(iter(words[k + 1 : k + 2]), "")
+        new = renamed.get(name) or renamed.get(f"{name} {follows}")
+        if new and word.startswith("--"):
+            words[k] = f"--{new}{equals}{value}"
+    return words
+
+
+def renamed_notes(argv: Sequence[str], options: type) -> list[str]:
+    """A line for each option that was typed under an earlier name."""
+    pairs = zip(argv, respelled(argv, options), strict=True)
+    return [f"note: {old.partition('=')[0]} is called {new.partition('=')[0]} now" for old, new in pairs if old != new]
+
+
+def given(line: CommandLine, options: type) -> set[str]:
     """Options that were typed, by the names of their fields, with any value."""
-    return {word[2:].partition("=")[0].replace("-", "_") for word in line.argv if word.startswith("--")}
+    words = respelled(line.argv, options)
+    return {word[2:].partition("=")[0].replace("-", "_") for word in words if word.startswith("--")}
 
 
 def option_types(options: type) -> dict[str, Any]:

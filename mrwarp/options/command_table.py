@@ -46,6 +46,20 @@ STUDY = {
     "collect": Command("run_study:Collect", "copy finished policies and their training records into a folder"),
 }
 
+GONE = {
+    "mrwarp": {"verify": "docs/determinism.md: its checks are tests"},
+    "study": {
+        **{name: f"mrwarp reproduce {name}" for name in ("table2", "table3", "fig5")},
+        "causes": "a table of 'mrwarp reproduce table2'",
+        **dict.fromkeys(("quality", "current", "ageing", "pushes", "limits", "release"), "docs/beyond.md"),
+    },
+    "impact": {"--sensitivity": "mrwarp reproduce sensitivity"},
+    "sweep": dict.fromkeys(("--runner", "--address"), "docs/policies.md: a sweep runs on one machine"),
+    "mission": dict.fromkeys(("--thermal", "--ambient"), "docs/beyond.md"),
+    "reproduce": {"predictions": "docs/beyond.md", "electrical": "a table of 'mrwarp reproduce table6'"},
+}
+"""Where to find what commands of the last version gave, by group or command and the word that asked for it."""
+
 ASSET = {
     "show": Command("run_asset:Show", "joints, gains, MR numbers with unit, default and source, and masses"),
     "set": Command("run_asset:Set", "change one number; comments and layout of a text file stay"),

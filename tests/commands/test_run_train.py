@@ -69,6 +69,17 @@ def test_an_option_is_declared_once() -> None:
     assert {name: count for name, count in declared.items() if count > 1} == {}
 
 
+def test_earlier_spellings_are_taken_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """``--current`` was a law in train, ``--actuator-model`` a file; one line says what they are called now."""
+    words = ["--actuator-model=own.st", "--actuator", "mlp", "--current", "scheduled"]
+    task = parse(Train, words, "mrwarp train").cfg.task
+    assert (task.actuator_file, task.current_by) == ("own.st", CurrentCommand.SCHEDULED)
+    assert main(["train", *words]) == 2  # there is no such network
+    said = capsys.readouterr().err.splitlines()
+    notes = ["note: --actuator-model is called --actuator-file now", "note: --current is called --current-by now"]
+    assert said[:2] == notes and "own.st" in said[2] and len(said) == 3
+
+
 def start(*args: str) -> subprocess.Popen[str]:
     """The command as a user starts it, in a process of its own."""
     pipe = subprocess.PIPE

@@ -40,6 +40,24 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "instead"),
+    [
+        (["reproduce", "predictions"], "docs/beyond.md"),
+        (["reproduce", "table6", "electrical"], "a table of 'mrwarp reproduce table6'"),
+        (["study", "table2"], "mrwarp reproduce table2"),
+        (["study", "limits"], "docs/beyond.md"),
+        (["mission", "--thermal"], "docs/beyond.md"),
+        (["impact", "--sensitivity"], "mrwarp reproduce sensitivity"),
+        (["sweep", "--address"], "docs/policies.md: a sweep runs on one machine"),
+    ],
+)
+def test_what_is_gone_says_where_it_is_now(words: list[str], instead: str, capsys: pytest.CaptureFixture) -> None:
+    """One line, exit code 2; a folder of that name is no word of a command."""
+    assert main([*words, "--out", "x"]) == 2
+    assert capsys.readouterr().err.endswith(f"{words[-1]} is gone; see {instead}\n")
+
+
 def test_catalogue_is_ordered_and_described() -> None:
     """Every need is known and comes before; ``all`` is every entry with a heading, none that only others read."""
     seen: list[str] = []
