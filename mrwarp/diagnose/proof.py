@@ -150,8 +150,10 @@ def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selec
         return reduction(held, seed)[1], {"torque": Change.of(held.baseline, held.extended)}, held
 
     def impossible(named: Sequence[str]) -> dict[str, str]:
-        fit = models.reported(with_only(named).final)
-        return {effect: impossible_size(effect, fit, problem.motion.ranges) for effect in named}
+        """Sizes that no device has, or that what has no name leaves unknown."""
+        fit, proof, known = models.reported(with_only(named).final), problem.settings.proof, selection.refined
+        sizes = {effect: impossible_size(effect, fit, problem.motion.ranges) for effect in named}
+        return {effect: why or interval_rejection(effect, fit, proof, known) for effect, why in sizes.items()}
 
     named, refused, held = passed(
         selection.named,
@@ -306,7 +308,8 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     """Why an effect of such a size is not possible, or stands for something else, or nothing."""
     first, ranges, torque = fit.parameters.own(effect)[0], problem.motion.ranges, problem.motion.torque
     value = dict(fit.parameters.items())[first].value(fit.x[first])
-    if problem.misfit and KNOWN[effect].rounds_corners and value < ranges.dt:
+    inexact = problem.misfit or bool(fit.parameters.law)
+    if inexact and KNOWN[effect].rounds_corners and value < ranges.dt:
         return _SHORT
     unseen = problem.settings.proof.unseen * ranges.dt
     if KNOWN[effect].rounds_corners and value < unseen and set(YIELDING) & set(fit.effects):

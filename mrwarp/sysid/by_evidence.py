@@ -99,14 +99,17 @@ class Comparison(Generic[Model, Cause]):
     def __init__(self, plant: EvidencePlant[Model, Cause]) -> None:
         self.plant, self.correlation = plant, 1.0
         self._signals: dict[Model, Signals] = {}
+        self._learned: dict[Model, tuple[Discrepancy, float]] = {}
         self.discrepancy: Discrepancy = learned(self.signals(plant.base), plant.least)
         self.about(plant.base)
 
     def about(self, model: Model) -> None:
-        """Learn the variances about a model, and how far what it leaves is correlated."""
-        start = learned(self.signals(model), self.plant.least, self.discrepancy)
-        self.correlation = correlation(self.plant.rest(model, *left_over(self.signals(model), start)))
-        self.discrepancy = learned(self.signals(model), self.plant.least, start)
+        """Learn the variances about a model, once, and how far what it leaves is correlated."""
+        if model not in self._learned:
+            start = learned(self.signals(model), self.plant.least, self.discrepancy)
+            self.correlation = correlation(self.plant.rest(model, *left_over(self.signals(model), start)))
+            self._learned[model] = learned(self.signals(model), self.plant.least, start), self.correlation
+        self.discrepancy, self.correlation = self._learned[model]
         self._known: dict[tuple[Model, Active], Posterior] = {}
         self._totals: dict[Model, np.ndarray] = {}
 
@@ -153,15 +156,15 @@ class _Search(Generic[Model, Cause]):
         """Let the best cause or nameless group enter; False where none adds enough.
 
         A cause comes before a group that adds up to twice as much: what is left of that then competes with it. What it
-        contains comes before it where both are as likely. Next to
-        what was proven before it has to add more than any group, and none enters after some that left nameless ones.
+        contains comes before it where both are as likely. Next to what was proven before, one that is not ordinary has
+        to add more than any group, and none enters after some that left nameless ones.
         """
         now, causes = self.score(self.model, self.active), list[_Step[Model]]()
         present = set(self.plant.causes(self.model))
         for name, model in () if self.closed else self.plant.grown(self.model):
             new = set(self.plant.causes(model)) - present
             if not new & self.out:
-                against = self.odds.enters * (len(new) - 1)
+                against = self.odds.enters * (sum(not self.plant.ordinary(cause) for cause in new) - 1)
                 causes.append((self.score(model, self.active) - now - against, name, model, self.active))
         more = {group: self.active | {group} for group in self.groups if group not in self.active}
         nameless = [(self.score(self.model, x) - now, f"nameless {g}", self.model, x) for g, x in more.items()]
@@ -171,8 +174,9 @@ class _Search(Generic[Model, Cause]):
         first = max(causes, key=lambda row: row[0], default=None)
         if first is not None:
             first = self._simpler(first, causes)
-        if first is not None and first[0] > (best if self.proven is not None else self.gain.half * best):
-            found = [first]
+            known = all(map(self.is_proven, set(self.plant.causes(first[2])) - present))
+            if first[0] > (self.gain.half if known else 1.0) * best:
+                found = [first]
         if not found or found[0][0] < self.odds.enters:
             return False
         _, _, model, active = found[0]
@@ -255,11 +259,12 @@ class _Search(Generic[Model, Cause]):
     def rivals(self, cause: Cause) -> tuple[Cause, ...]:
         """Causes that would do as well in one's place, best first; the variances are learned without any of them.
 
-        In the place of one that was proven before, which predicts better, another has to be likelier.
+        In the place of one that was proven before, which predicts better, or that is ordinary, another has to be
+        likelier.
         """
         without, present = self.plant.without(self.model, cause), set(self.plant.causes(self.model))
         others, behind = list(self.plant.swapped(self.model, cause)), 0.0
-        if self.proven is None or cause not in self.proven:
+        if self.proven is None or not self.is_proven(cause):
             added = [(set(self.plant.causes(model)) - present, model) for _, model in self.plant.grown(without)]
             others += [(new.pop(), model) for new, model in added if len(new) == 1]
             behind = self.odds.rival
