@@ -317,7 +317,7 @@ def begin_under_way(problem: Problem, fit: Fit) -> Problem:
 
 
 def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
-    """Smooth the motion more where a model with an inertia then predicts the torque clearly better.
+    """Smooth the motion as a model with an inertia then predicts the torque clearly better.
 
     Of an acceleration that is derived from a coarse angle, what is quick is noise. The angle cannot show it: it is the
     torque of an inertia that shows which part of it was motion. Where friction turns round, the torque of a bench
@@ -328,7 +328,9 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
         return problem
     fit = refit(problem, fit)
     found = [(problem, fit)]
-    for smoothing in _doubled(problem.settings.reading.smoothing):
+    for smoothing in (1.0, *_doubled(problem.settings.reading.smoothing)):
+        if smoothing == problem.motion.kinematics.smoothing:
+            continue
         read = {"rests": problem.motion.kinematics.rests, "smoothing": smoothing, "settings": problem.settings}
         motion = Motion.of(recording, problem.motion.scales, resistance=problem.motion.resistance, **read)
         motion = motion.stretches(problem.settings.reading.samples)

@@ -273,9 +273,7 @@ def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]
         problem = without_line(problem, best, line)
         best = refit(problem, best)
     if problem is not first or best is not base:
-        log(f"noise without {', '.join(best.effects) or 'line'}")
-        misfit = session.misfit or (problem.misfit and misfits(problem, best))
-        problem, best = with_learned_noise(replace(problem, misfit=misfit), best)
+        problem, best = _with_noise(session, problem, best, log)
     logged = session if problem is first else session.screened_again(problem, refit(problem, base))
     aligned = align_clocks(problem, best)
     if aligned is problem:
@@ -309,22 +307,47 @@ def _searched_as_read(
 ) -> tuple[_Session, Models, Judged, tuple[Rejection, ...]]:
     """Causes of a session as its log is read.
 
-    Where all causes together leave clearly less spread of the trajectories' factors than the first of them did, they
-    are searched again with that noise: where factors may differ much, a common one costs next to nothing, and a model's
-    torque drifts away from what was measured.
+    They are searched again where all together ask for another reading or for another noise: of a motion that was
+    smoothed for want of one of them, or where they leave clearly less spread of the trajectories' factors than the
+    first of them did. Where factors may differ much, a common one costs next to nothing, and a model's torque drifts
+    away from what was measured.
     """
     models = Models(session.problem, session.base)
     judged, rejected = _found(models, session, method, log)
-    final = judged.selection.final
-    most = rejected[0].fit if rejected and not models.added(final) else final
-    noise = learn_noise(session.problem, most)
-    if noise.gain < session.problem.settings.gain.half * session.problem.noise.gain:
-        log(f"noise without {', '.join(most.effects)}")
-        problem = replace(session.problem, noise=noise)
-        session = session.screened_again(problem, refit(problem, session.base))
-        models = Models(problem, session.base)
-        judged, rejected = _found(models, session, method, log)
+    for again in (_smoothed_again, _noise_again):
+        final = judged.selection.final
+        most = rejected[0].fit if rejected and not models.added(final) else final
+        if (other := again(session, most, log)) is not session:
+            session, models = other, Models(other.problem, other.base)
+            judged, rejected = _found(models, session, method, log)
     return session, models, judged, rejected
+
+
+def _smoothed_again(session: _Session, best: Fit, log: Progress) -> _Session:
+    """The session with its motion smoothed as a model asks for, or as it is."""
+    smooth = smooth_motion(session.problem, session.recording, best)
+    if smooth.motion is session.problem.motion:
+        return session
+    log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
+    problem, _ = _with_noise(session, smooth, refit(smooth, best), log)
+    return session.screened_again(problem, refit(problem, session.base))
+
+
+def _noise_again(session: _Session, best: Fit, log: Progress) -> _Session:
+    """The session with the noise that a model leaves, where its runs' factors differ clearly less, or as it is."""
+    noise = learn_noise(session.problem, best)
+    if noise.gain >= session.problem.settings.gain.half * session.problem.noise.gain:
+        return session
+    log(f"noise without {', '.join(best.effects)}")
+    problem = replace(session.problem, noise=noise)
+    return session.screened_again(problem, refit(problem, session.base))
+
+
+def _with_noise(session: _Session, problem: Problem, best: Fit, log: Progress) -> tuple[Problem, Fit]:
+    """Another reading of a session with the noise that a model leaves there, and the model."""
+    log(f"noise without {', '.join(best.effects) or 'line'}")
+    misfit = session.misfit or (problem.misfit and misfits(problem, best))
+    return with_learned_noise(replace(problem, misfit=misfit), best)
 
 
 def _found(models: Models, session: _Session, method: Method, log: Progress) -> tuple[Judged, tuple[Rejection, ...]]:

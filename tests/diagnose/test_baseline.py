@@ -227,6 +227,9 @@ def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(s
         error = [np.std((x - at.qdd)[100:-100]) for x in (problem.motion.qdd, found.motion.qdd)]
         assert found.motion.kinematics.smoothing > 1.0 and error[1] < 0.7 * error[0]
         return
+    # one that was smoothed for want of a cause is read again as it is
+    rough = problem.with_motion(Motion.of(recording, Scales(), smoothing=4.0))
+    assert smooth_motion(rough, recording, fit).motion.kinematics.smoothing == 1.0
     # of a joint that its drive could not move at first, reversals do not count
     still = np.arange(len(at.q)) < 20
     kinematics = dataclasses.replace(problem.motion.kinematics, still=still)
