@@ -15,6 +15,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from mrwarp.actuator.joint_motors import force_range
 from mrwarp.robots.foreign import (
     NO_LIMITS,
     Body,
@@ -324,7 +325,7 @@ class _Compiled:
         for k in own:
             gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
             joint.armature += float(model.actuator_armature[k]) * gear**2
-            most += self._most(k) * gear
+            most += max(map(abs, force_range(model, k))) * gear
             if model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE:
                 kp += max(0.0, -float(bias[1])) * gear**2
                 kd += max(0.0, -float(bias[2])) * gear**2
@@ -332,17 +333,6 @@ class _Compiled:
             joint.kp, joint.kd = kp, (joint.kd or 0.0) + kd or None
         most = min(most, joint.torque_limit or math.inf)
         joint.torque_limit = most if math.isfinite(most) else None
-
-    def _most(self, k: int) -> float:
-        """Largest force of an actuator before its gear; infinite without a limit."""
-        model, gain, most = self.model, self.model.actuator_gainprm[k], math.inf
-        direct = model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_DCMOTOR
-        if model.actuator_ctrllimited[k] and (direct or model.actuator_biastype[k] != mujoco.mjtBias.mjBIAS_AFFINE):
-            force = gain[1] / gain[0] if direct else abs(gain[0])
-            most = float(np.abs(model.actuator_ctrlrange[k]).max() * force)
-        if model.actuator_forcelimited[k]:
-            most = min(most, float(np.abs(model.actuator_forcerange[k]).max()))
-        return most
 
     def _check_sum(self, joint: Joint, own: Sequence[int], left: Sequence[tuple[str, str]]) -> None:
         """Refuse actuators of one joint whose torques and gains do not add up to those of one motor.
@@ -375,8 +365,9 @@ class _Compiled:
             yield "the gains of velocity actuators were left out", f"{-bias[2] * gear**2:.3g} N·m·s/rad"
         if affine and bias[0]:
             yield "constant torques of actuators were left out", f"{bias[0] * gear:.3g} N·m"
-        if servo and abs(gain[0] + bias[1]) > EQUAL * abs(bias[1]):
-            yield "commands of servos were taken as angles", f"{gain[0]:.4g} for a command, {-bias[1]:.4g} for an angle"
+        if servo and abs(gain[0] + bias[1] * gear) > EQUAL * abs(bias[1] * gear):
+            one, other = gain[0] * gear, -bias[1] * gear**2
+            yield "commands of servos were taken as angles", f"{one:.4g} for a command, {other:.4g} for an angle"
         if affine and (bias[1] > 0.0 or (servo and bias[2] > 0.0)):
             yield AWAY, f"{bias[1]:.3g} and {bias[2]:.3g}"
         own, plain = mujoco.mjtGain(model.actuator_gaintype[k]), mujoco.mjtBias(model.actuator_biastype[k])

@@ -61,6 +61,10 @@ CASES = {
         {"actuator": GENERAL.format(gain=10, bias="0 -50 -1")},
         "10 for a command, 50 for an angle of j1",
     ),
+    "a servo behind a gear": (
+        {"actuator": '<position joint="j1" kp="20" gear="-2" forcerange="-9 9"/>'},
+        "-40 for a command, 80 for an angle of j1",
+    ),
     "a muscle": ({"actuator": '<muscle joint="j1" forcerange="-9 9"/>'}, "gain_muscle and bias_muscle of j1"),
     "back-EMF": (
         {"actuator": '<dcmotor joint="j1" motorconst="0.05" resistance="0.5" gear="10" ctrlrange="-24 24"/>'},
