@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +14,7 @@ import warp as wp
 from mrwarp.env.sim_model import build_scene
 from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.params import MrParams
+from mrwarp.robot_logs.described.logged_part import check_joints, floor_height, hold, let_float, motors, name_all
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
@@ -43,7 +42,9 @@ STIFF_FRICTION = ([0.01, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0])
 
 NO_SLIP = 5
 """Iterations of MuJoCo's solver against slip. Without it feet that stick creep under what legs press them sideways, so
-that the legs of a robot on four feet relax within a window, as those of a real one do not."""
+that the legs of a robot on four feet relax within a window, as those of a real one do not. Longer steps, those of
+derivatives, have as many in a second: by one, derivatives of a walk and of squats are as near to those of steps of 1 ms
+as by five, in two thirds of the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +102,8 @@ class ReplayModel:
     """Address of each joint in qpos; shape (J,)."""
     v_adr: np.ndarray
     """Address of each joint in qvel; shape (J,)."""
+    slides: np.ndarray
+    """Whether each joint slides, with lengths [m] and forces [N] for angles and torques, shape (J,)."""
     free: bool
     """Whether the trunk floats; then its pose is the first 7 of qpos."""
     legged: bool
@@ -122,6 +125,8 @@ class ReplayModel:
     """Warp device on which it is replayed."""
     weight: np.ndarray
     """Largest torque of gravity at each joint of a robot that is held, along the log [N·m], shape (J,); else 0."""
+    floor: float
+    """Height of the floor [m]."""
     sink: np.ndarray
     """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
     held: tuple[str, ...] = ()
@@ -140,6 +145,7 @@ class ReplayModel:
         if h not in self.compiled:
             spec = self.spec.copy()
             spec.option.timestep = h
+            spec.option.noslip_iterations = round(spec.option.noslip_iterations * min(1.0, LONGEST_STEP / h))
             self.compiled[h] = spec.compile()
         return self.compiled[h]
 
@@ -184,21 +190,22 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         LogError: it cannot be read, or lacks a joint of the log.
     """
     spec, drives, params, prefix = _spec(path)
+    name_all(spec)
+    for item in [*spec.sensors, *spec.keys]:
+        spec.delete(item)
     roots = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     floats = bool(roots)
+    check_joints(path, log.joints, [joint.name for joint in spec.joints])
     if log.base == "fixed":
         for joint in roots:
             spec.delete(joint)
-    elif not roots:
-        body = next((b for b in spec.worldbody.bodies), None)
-        if body is None:
-            raise LogError(f"{path}: there is no body that could float; the log says base = free")
-        body.add_freejoint()
-    _check_joints(path, log, [joint.name for joint in spec.joints])
-    held = _hold(spec, log.joints, drives)
-    limits = _torque_limits(spec) | drives
-    _drive(spec, log, limits)
-    if log.base == "free" and not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in spec.worldbody.geoms):
+    else:
+        let_float(path, spec, log.joints)
+    own, rotors = motors(described := _compiled(spec, path), log.joints)
+    held, limits = hold(spec, log.joints, drives), own | drives
+    _drive(spec, log, limits, rotors)
+    floor = floor_height(described) if log.base == "free" else None
+    if log.base == "free" and floor is None:
         ground = spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
         ground.contype, ground.conaffinity = 2**31 - 1, int(not drives)  # of a USD file the feet alone touch it
     for joint in spec.joints:
@@ -221,6 +228,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         joints=log.joints,
         q_adr=model.jnt_qposadr[ids],
         v_adr=model.jnt_dofadr[ids],
+        slides=model.jnt_type[ids] == mujoco.mjtJoint.mjJNT_SLIDE,
         free=free,
         legged=free or floats,
         trunk=trunk,
@@ -232,45 +240,20 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         reach=_reach(model),
         device=device,
         weight=np.zeros(len(ids)) if free else _weight(model, log, model.jnt_qposadr[ids], model.jnt_dofadr[ids]),
-        sink=_sink(model, _feet(model)) if free else np.zeros(0),
+        floor=floor or 0.0,
+        sink=_sink(model, _feet(model), floor or 0.0) if free else np.zeros(0),
         held=held,
     )
     many = path.suffix == ".urdf" and len(set(found.limbs.values())) >= FEWEST_LEGS
     return replace(found, legged=True) if many else found
 
 
-def _check_joints(path: Path, log: RobotLog, known: list[str]) -> None:
-    """Refuse a log with joints that are not among those ``known``."""
-    for joint in log.joints:
-        if joint not in known:
-            near = difflib.get_close_matches(joint, known, 1)
-            hint = f"; is it {near[0]}?" if near else "; name the log's joints as the robot does, in joints of a map"
-            raise LogError(f"{path}: the log's joint {joint} is not among the robot's ({', '.join(known)}){hint}")
-
-
-def _hold(spec: mujoco.MjSpec, logged: Sequence[str], drives: Iterable[str]) -> tuple[str, ...]:
-    """Take out joints that are not ``logged`` and that a drive holds; returns their names.
-
-    A description that names no drive, as a URDF, has one at each joint. Joints without a drive are passive, as springs
-    and casters; what a constraint or a tendon ties to others stays, too.
-    """
-    targets = {drive.target for drive in spec.actuators} | set(drives)
-    if spec.equalities or spec.tendons:
-        return ()
-    turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    found = [joint for joint in spec.joints if joint.type in turning and joint.name not in logged]
-    found = [joint for joint in found if joint.name in targets or not targets]
-    names = tuple(joint.name for joint in found)
-    for joint in found:
-        spec.delete(joint)
-    return names
-
-
-def _drive(spec: mujoco.MjSpec, log: RobotLog, limits: dict) -> None:
-    """Drives with the log's gains in place of all that the robot has; ``limits`` are their torques, by joint."""
-    for item in [*spec.actuators, *spec.sensors, *spec.keys]:
+def _drive(spec: mujoco.MjSpec, log: RobotLog, limits: dict, rotors: dict) -> None:
+    """Drives with the log's gains in place of all that the robot has; by joint their torques and rotors' inertias."""
+    for item in list(spec.actuators):
         spec.delete(item)
     for k, joint in enumerate(log.joints):
+        spec.joint(joint).armature += rotors[joint]
         drive = spec.add_actuator(name=f"drive {joint}", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         drive.gainprm[0] = 1.0
@@ -335,23 +318,30 @@ def _reach(model: mujoco.MjModel) -> np.ndarray:
     return found
 
 
-def _sink(model: mujoco.MjModel, feet: tuple[int, ...]) -> np.ndarray:
+def _sink(model: mujoco.MjModel, feet: tuple[int, ...], floor: float) -> np.ndarray:
     """Depth at which the first foot's contact bears the weight, half of it, …, by inverse dynamics at rest, (F,)."""
     data, wrench, shapes = mujoco.MjData(model), np.zeros(6), _shapes(model, feet[0])
-    depths = 1e-4 * np.arange(1, 200)
-    force = np.zeros(len(depths))
-    for k, depth in enumerate(depths):
+    robot = int(model.body_rootid[model.geom_bodyid[feet[0]]])  # a table in the scene weighs nothing on them
+    weight = -model.opt.gravity[2] * model.body_subtreemass[robot] / np.arange(1, len(feet) + 1)
+
+    def borne(depth: float) -> float:
         mujoco.mj_resetData(model, data)
         mujoco.mj_kinematics(model, data)
-        data.qpos[2] -= _sole(model, data, shapes)[2] + depth
+        data.qpos[2] += floor - _sole(model, data, shapes)[2] - depth
         data.qacc[:] = 0.0
         mujoco.mj_inverse(model, data)
+        found = 0.0
         for c in range(data.ncon):
             if not set(data.contact[c].geom).isdisjoint(shapes):
                 mujoco.mj_contactForce(model, data, c, wrench)
-                force[k] += wrench[0]
-    weight = -model.opt.gravity[2] * model.body_mass.sum() / np.arange(1, len(feet) + 1)
-    return np.interp(weight, np.maximum.accumulate(force), depths)
+                found += wrench[0]
+        return found
+
+    deepest = 0.02
+    while borne(deepest) < weight[0] and deepest < model.stat.extent:
+        deepest *= 2.0
+    depths = deepest * np.linspace(0.005, 1.0, 200)
+    return np.interp(weight, np.maximum.accumulate([borne(depth) for depth in depths]), depths)
 
 
 def _shapes(mj: mujoco.MjModel, foot: int) -> list[int]:
@@ -418,7 +408,8 @@ class Stance:
             body = int(self.mj.geom_bodyid[self.feet[f]])
             mujoco.mj_jac(self.mj, self.data, self.jacobian, self.turn, soles[f], body)
             steady.append(-self.jacobian @ self.data.qvel)
-        return -float(soles[standing, 2].mean() + self.model.sink[standing.sum() - 1]), np.array(steady)
+        height = self.model.floor - float(soles[standing, 2].mean() + self.model.sink[standing.sum() - 1])
+        return height, np.array(steady)
 
 
 def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, MrParams], str]:
@@ -458,19 +449,6 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     return spec
 
 
-def _torque_limits(spec: mujoco.MjSpec) -> dict[str, list[float]]:
-    """Range of the torque of each joint whose actuator has one [N·m]."""
-    found = {}
-    for drive in spec.actuators:
-        span = drive.forcerange if drive.forcerange[1] > drive.forcerange[0] else None
-        gear = float(drive.gear[0])
-        if span is None and drive.ctrlrange[1] > drive.ctrlrange[0] and drive.biastype == mujoco.mjtBias.mjBIAS_NONE:
-            span = float(drive.gainprm[0]) * drive.ctrlrange
-        if span is not None:
-            found[drive.target] = [float(gear * span[0]), float(gear * span[1])]
-    return found
-
-
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     with silent():
         with contextlib.suppress(Exception):
@@ -490,7 +468,7 @@ def _feet(model: mujoco.MjModel) -> tuple[int, ...]:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    shaped = set(model.geom_bodyid[touches].tolist())
+    shaped = set(model.geom_bodyid[touches & (model.body_weldid[model.geom_bodyid] != 0)].tolist())
     above: set[int] = set()
     for body in shaped:
         while body:

@@ -158,10 +158,10 @@ def slopes_of(
     """Derivatives of a group's replays about ``theta``, (P,), many changed robots at once.
 
     Limbs that do not move each other share replays: one robot has a number of each of them changed. What the
-    strength of a held robot's drive changes is the sum of what its gains change, where these make all of its torque.
+    strength of a drive changes is the sum of what its gains change, where these make all of its torque.
     """
     replay = Replay(model, _long_steps(windows))
-    steps, count, drawn = nuisances(model), windows.count, {} if model.free else _sums(windows, parameters)
+    steps, count, drawn = nuisances(model), windows.count, _sums(windows, parameters)
     own = [k for k, p in enumerate(parameters) if k not in drawn and p.declared.reads is None]
     central = [i for i, k in enumerate(own) if parameters[k].declared.central]
     width = np.array([(CENTRAL_SHARE if p.declared.central else 1.0) * p.step for p in parameters])

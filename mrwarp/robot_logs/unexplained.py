@@ -66,7 +66,8 @@ def pushes(
     step = STEP * np.maximum(model.asked, 0.1)
     places = [(j, [(int(v), s)]) for j, v, s in zip(model.joints, model.v_adr, step.tolist(), strict=True)]
     if model.free:
-        first, push = int(mj.jnt_dofadr[mj.body_jntadr[model.trunk]]), STEP * 9.81 * float(mj.body_mass.sum())
+        first = int(mj.jnt_dofadr[mj.body_jntadr[model.trunk]])
+        push = STEP * 9.81 * float(mj.body_subtreemass[model.trunk])
         places.insert(0, (model.body_name(model.trunk), [(first + k, push) for k in range(3)]))
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in places]
     rare = [likelihood.scale * (STEP / likelihood.settings.robot.push / members[0][1]) ** 2 for _, members in places]

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from mrwarp.enums import BackendKind
 from mrwarp.robot_logs.causes.cause import Replayed
 from mrwarp.robot_logs.causes.parameter import Parameter
-from mrwarp.robot_logs.causes.places import PLACES
+from mrwarp.robot_logs.causes.places import PLACES, turns
 from mrwarp.robot_logs.causes.robot_causes import ACTING, READS
 from mrwarp.robot_logs.replay_engine import ReplayEngine
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
@@ -62,10 +62,8 @@ def nuisances(model: ReplayModel) -> np.ndarray:
 
     Shape (Z,): J times [rad], J times [rad/s], then [m], roll and pitch [rad], three [m/s].
     """
-    joints = len(model.joints)
-    return np.concatenate(
-        [np.full(joints, 0.002), np.full(joints, 0.05), [0.002, 0.005, 0.005, 0.03, 0.03, 0.03] if model.free else []]
-    )
+    turn = turns(model)
+    return np.concatenate([0.002 * turn, 0.05 * turn, [0.002, 0.005, 0.005, 0.03, 0.03, 0.03] if model.free else []])
 
 
 class Replay:

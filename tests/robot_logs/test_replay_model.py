@@ -1,5 +1,6 @@
 """The robot of a log in MuJoCo: its mass, where its feet end, and which of them stand."""
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -8,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mrwarp.robot_logs.replay_model import _hold, _sole, read_spec
+from mrwarp.robot_logs.replay_model import Stance, _sole, read_spec, replay_model
+from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.windows import _loaded
 from mrwarp.sysid.settings import Settings
 
@@ -72,22 +74,35 @@ def test_a_fixed_link_without_inertial_has_no_mass(tmp_path: Path) -> None:
     assert model.body("leg").mass[0] == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize(
-    ("drives", "held"),
-    [
-        ('<motor joint="elbow"/><position joint="grip"/>', ("grip",)),  # the spring has no drive
-        ('<motor joint="elbow"/>', ()),
-        ("", ("spring", "grip")),  # as of a URDF, which names none
-    ],
-)
-def test_a_joint_that_the_log_lacks_is_held_by_its_drive(drives: str, held: tuple[str, ...]) -> None:
-    """Left to itself a gripper would swing in the replay, and its arm be blamed; passive joints do move."""
-    names, end = ("elbow", "spring", "grip"), "</body>" * 3
-    links = "".join(f'<body><joint name="{x}"/><geom size="0.1" mass="1"/>' for x in names)
-    spec = mujoco.MjSpec.from_string(
-        f"<mujoco><worldbody>{links}{end}</worldbody><actuator>{drives}</actuator></mujoco>"
+@pytest.mark.parametrize(("height", "soft"), [(0.0, 0.02), (-0.7, 0.02), (0.3, 0.09)])
+def test_a_robot_stands_on_the_floor_of_its_file(height: float, soft: float, tmp_path: Path) -> None:
+    """Its feet sink as far as MuJoCo lets them, however soft they are and wherever the floor is."""
+    legs = "".join(
+        f'<body pos="{x} {y} 0"><joint name="{name}" axis="0 1 0"/><geom type="capsule" size="0.02" '
+        f'fromto="0 0 0 0 0 -0.3" mass="0.2" solref="{soft} 1"/></body>'
+        for name, x, y in (("a", 0.2, 0.1), ("b", 0.2, -0.1), ("c", -0.2, 0.1), ("d", -0.2, -0.1))
     )
-    assert _hold(spec, ["elbow"], ()) == held
-    for drive in spec.actuators:
-        spec.delete(drive)
-    assert spec.compile().nv == len(names) - len(held)
+    (tmp_path / "robot.xml").write_text(
+        f'<mujoco><worldbody><geom type="plane" size="3 3 1" pos="0 0 {height}" solref="{soft} 1"/>'
+        '<body name="ramp" pos="2 0 0"><geom type="box" size="0.1 0.1 0.01"/></body>'
+        '<body name="ball"><freejoint/><geom size="0.1"/></body><body name="trunk" pos="0 0 1"><freejoint/>'
+        f'<geom type="box" size="0.2 0.1 0.05" mass="10"/>{legs}</body></worldbody><actuator>'
+        '<motor joint="a" gear="5" armature="4e-5" ctrlrange="-2 3"/></actuator></mujoco>'
+    )
+    names, t = "abcd", 0.01 * np.arange(60)
+    zeros = np.zeros((len(t), 8))
+    header = ",".join(["t", *(f"q.{x}" for x in names), *(f"q_des.{x}" for x in names)])
+    np.savetxt(tmp_path / "run.csv", np.column_stack([t, zeros]), delimiter=",", header=header, comments="")
+    (tmp_path / "log.json").write_text(json.dumps({"robot": "robot.xml", "base": "free", "kp": 300, "kd": 9}))
+    model = replay_model(tmp_path / "robot.xml", load_log(tmp_path))
+    mj, data = model.model, mujoco.MjData(model.model)
+    assert len(model.feet) == 4 and model.free and mj.nq == 11
+    assert mj.dof_armature[model.v_adr].tolist() == [pytest.approx(0.001), 0.0, 0.0, 0.0]
+    assert model.limited.tolist() == [True, False, False, False]
+    assert mj.actuator_forcerange[0].tolist() == [pytest.approx(-10.0), pytest.approx(15.0)]
+    data.qpos[2], _ = Stance(model, mj).trunk(mj.qpos0, np.zeros(mj.nv), np.ones(4, dtype=bool))
+    begun = data.qpos[2]
+    mj.actuator_biasprm[:, 1:3] = -300.0, -9.0
+    for _ in range(2000):
+        mujoco.mj_step(mj, data)
+    assert data.qpos[2] == pytest.approx(begun, abs=0.1 * model.sink[3])

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from mrwarp.robot_logs.causes.cause import NUISANCE, Cause, Number
-from mrwarp.robot_logs.causes.places import PLACES, Place
+from mrwarp.robot_logs.causes.places import PLACES, SLIDING, Place
 from mrwarp.robot_logs.causes.robot_causes import DECLARED, declared
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
@@ -79,11 +79,12 @@ def _parameter(cause: Cause, at: Place) -> Parameter:
     def here(number: Number) -> float:
         return float(number(at) if callable(number) else number)
 
+    slides = cause.place == "joint" and at.model.slides[at.index]
     return Parameter(
         cause=cause.name,
         where=at.where,
         name=at.axis or cause.number,
-        unit=cause.unit,
+        unit=SLIDING.get(cause.unit, cause.unit) if slides else cause.unit,
         field=cause.field,
         index=at.index,
         step=here(cause.step),

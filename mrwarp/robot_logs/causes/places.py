@@ -16,6 +16,18 @@ Kind = Literal["joint", "commands", "imu", "body", "trunk", "trunk_axis", "lean"
 """Kinds of places, see :data:`PLACES`."""
 
 
+PINION = 0.05
+"""Way of a slide that is like one radian of a hinge [m]: the radius of a large pinion or belt wheel."""
+
+SLIDING = {"rad": "m", "N·m": "N", "N·m/rad": "N/m", "N·m·s/rad": "N·s/m", "kg·m²": "kg"}
+"""Units of a slide's numbers for those of a hinge's."""
+
+
+def turns(model: ReplayModel) -> np.ndarray:
+    """Length of each joint's coordinate that is like one radian, (J,): 1 rad of a hinge, :data:`PINION` of a slide."""
+    return np.where(model.slides, PINION, 1.0)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Place:
     """One place of a robot in its log."""
@@ -33,6 +45,11 @@ class Place:
     def dof(self) -> int:
         """Address of the joint ``index`` among MuJoCo's degrees of freedom."""
         return int(self.model.v_adr[self.index])
+
+    @property
+    def turn(self) -> float:
+        """See :func:`turns`."""
+        return float(turns(self.model)[self.index])
 
     @cached_property
     def torque(self) -> float:
@@ -90,8 +107,8 @@ class Place:
 
     @property
     def total(self) -> float:
-        """Mass of the robot [kg]."""
-        return float(self.model.model.body_mass.sum())
+        """Mass of the robot, without what stands still in a scene [kg]."""
+        return float(self.model.model.body_subtreemass[self.model.trunk])
 
     @property
     def row(self) -> float:
@@ -157,11 +174,11 @@ def driver(model: ReplayModel, body: int) -> int | None:
 
 
 def torque_scale(model: ReplayModel, log: RobotLog, j: int) -> float:
-    """Torque that the joint's drive gives at most, or at 0.6 rad of error [N·m]."""
+    """Torque that the joint's drive gives at most, or at 0.6 rad of error [N·m]; of a slide 0.6 :data:`PINION`."""
     if model.limited[j]:
         return float(model.model.actuator_forcerange[j, 1])
     if log.kp[j] > 0.0:
-        return 0.6 * float(log.kp[j])
+        return 0.6 * float(log.kp[j] * turns(model)[j])
     found = [
         np.nanquantile(np.abs(run.joint[c][:, j]), 0.99)
         for run in log.runs

@@ -20,7 +20,7 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL, UNLIKE
-from mrwarp.robot_logs.causes.places import torque_scale
+from mrwarp.robot_logs.causes.places import torque_scale, turns
 from mrwarp.robot_logs.channels.joint_torque import JointTorques, gain_along, gravity_along, torques_along
 from mrwarp.robot_logs.replay_model import LONGEST_DELAY, ReplayModel
 from mrwarp.robot_logs.robot_log import MIN_SAMPLES, UNITS, LogError, LogRun, RobotLog, reads_torque
@@ -107,7 +107,7 @@ def _pushed(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j:
     asked, read, q, qd = of("asked"), of("read"), of("q"), of("qd")
     if not np.isfinite(read).all():
         return False
-    needs = np.stack([of("gravity"), of("inertial"), np.tanh(qd / STANDSTILL), qd, q, np.ones(len(q))], axis=1)
+    needs = np.stack([of("gravity"), of("inertial"), of("rubbed"), qd, q, np.ones(len(q))], axis=1)
     most = [UNLIKE, UNLIKE, np.inf, np.inf, np.inf, np.inf]
     fit = lsq_linear(needs, asked, (np.array([0.0, 0.0, 0.0, 0.0, 0.0, -np.inf]), most))
     left = float((fit.fun**2).mean())
@@ -170,7 +170,7 @@ def _along(model: ReplayModel, log: RobotLog, run: LogRun) -> tuple[np.ndarray, 
     given = np.nan_to_num(joint.get("tau_ff", np.zeros(kp.shape)))
     takes = joint["tau"] if model.free else gravity_along(model, joint["q"])
     needed = joint["q"] + (takes - given) / np.where(kp > 0.0, kp, np.nan)
-    return moves[rows] < STANDSTILL, joint["q"], joint["q_des"], needed, kp
+    return moves[rows] < STANDSTILL * turns(model), joint["q"], joint["q_des"], needed, kp
 
 
 def _rests(every: list[tuple[np.ndarray, ...]], j: int) -> Rests:

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 from scipy.stats import norm
 
-from mrwarp.robot_logs.causes.of_channels import STANDSTILL
 from mrwarp.robot_logs.causes.of_hidden import DAMPING, HIGHEST, LOWEST, RIGHT, SHARED, SMOOTHED, STEPS
 from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
 from mrwarp.robot_logs.replay_model import Hidden, ReplayModel
@@ -124,7 +123,7 @@ def _explained(
         for run, x, t in zip(log.runs, along, torque, strict=True):
             rate = np.gradient(x.asked[:, j], run.dt)  # with the next one: of a delay, to second order
             late = [rate, np.gradient(rate, run.dt), np.gradient(np.gradient(x.rigid[:, j], run.dt), run.dt)]
-            free = [x.gravity[:, j], x.inertial[:, j], np.tanh(x.qd[:, j] / STANDSTILL), x.qd[:, j], *late]
+            free = [x.gravity[:, j], x.inertial[:, j], x.rubbed[:, j], x.qd[:, j], *late]
             edge, every = min(round(SMOOTHED / run.dt), len(x.q) // 4), np.ones(len(x.q))
             columns = np.stack([*free, every, t[:, j], x.asked[:, j] - x.rigid[:, j]], axis=1)
             rows.append(columns[edge : len(columns) - edge])

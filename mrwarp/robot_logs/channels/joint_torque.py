@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 from scipy.signal import savgol_filter
 
+from mrwarp.robot_logs.causes.of_channels import STANDSTILL
+from mrwarp.robot_logs.causes.places import turns
 from mrwarp.robot_logs.replay_model import ReplayModel, bias_torque
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog
 
@@ -20,6 +22,8 @@ class JointTorques:
     """[rad], shape (N, J)."""
     qd: np.ndarray
     """[rad/s], shape (N, J)."""
+    rubbed: np.ndarray
+    """Dry friction of 1 N·m, which changes its sign within :data:`STANDSTILL`, shape (N, J)."""
     gravity: np.ndarray
     """Torque that holds the described links at rest [N·m], shape (N, J)."""
     inertial: np.ndarray
@@ -80,6 +84,7 @@ def torques_along(model: ReplayModel, log: RobotLog, run: LogRun, seconds: float
     return JointTorques(
         q=angle,
         qd=speed,
+        rubbed=np.tanh(speed / (STANDSTILL * turns(model))),
         gravity=gravity,
         inertial=inertial,
         asked=smooth(asked_torque(log, run, _speed(run, smooth(q, 1)))),

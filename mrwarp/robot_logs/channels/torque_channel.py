@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, SPEAKS, STANDSTILL, UNLIKE
+from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, SPEAKS, UNLIKE
 from mrwarp.robot_logs.causes.places import torque_scale
 from mrwarp.robot_logs.channels.joint_torque import JointTorques, asked_torque, torques_along
 from mrwarp.robot_logs.replay_model import ReplayModel
@@ -115,11 +115,10 @@ def _contradiction(model: ReplayModel, log: RobotLog, along: Sequence[JointTorqu
     def of(name: str) -> np.ndarray:
         return np.concatenate([getattr(x, name)[:, j] for x in along])
 
-    y, speed, gravity, inertial = of("read"), of("qd"), of("gravity"), of("inertial")
+    y, gravity, inertial = of("read"), of("gravity"), of("inertial")
     if max(gravity.std(), inertial.std()) < SPEAKS * torque_scale(model, log, j) or not np.isfinite(y).all():
         return ""
-    friction = [np.tanh(speed / STANDSTILL), speed]
-    fit = regressed(y, [gravity, inertial], friction, model.settings.robot.parts)
+    fit = regressed(y, [gravity, inertial], [of("rubbed"), of("qd")], model.settings.robot.parts)
     if fit.explained < 1.0 - EXPLAINED:
         return "does not follow what the links need: another joint's, or no torque"
     each = zip(fit.value.tolist(), fit.half.tolist(), ("gravity", "inertial"), strict=True)

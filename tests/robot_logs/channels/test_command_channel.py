@@ -3,6 +3,7 @@
 A hand that moves a robot against its targets is no fault of them.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mrwarp.robot_logs.causes.parameter import parameters_of
 from mrwarp.robot_logs.channels.command_channel import check_commands
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, LogRun, RobotLog, load_log
@@ -145,6 +147,29 @@ def test_a_hand_is_left_out_where_the_torque_shows_it(lead: str, tmp_path: Path)
     if lead == "rests":
         with pytest.raises(LogError, match="no command, or a hand moved it; a measured torque"):
             check_commands(model, replace(log, tau_is="none"))
+
+
+def test_dry_friction_of_a_slide_is_no_hand(tmp_path: Path) -> None:
+    """Its speeds are metres per second: at none of them would friction be full, were they taken for a hinge's."""
+    (tmp_path / "log").mkdir()
+    joint = '<joint name="z" type="slide" axis="0 0 1"/><geom size="0.05" mass="2"/>'
+    (tmp_path / "robot.xml").write_text(f"<mujoco><worldbody><body>{joint}</body></worldbody></mujoco>")
+    t, rng, kp, kd = 0.004 * np.arange(3000), np.random.default_rng(2), 12000.0, 300.0
+    q = 0.06 * np.sin(2.1 * t) + 0.01 * np.sin(9.0 * t)
+    qd = np.gradient(q, t)
+    tau = 2.0 * (np.gradient(qd, t) + 9.81) + 15.0 * np.sign(qd)
+    rows = np.stack([t, q, qd, tau + rng.normal(0.0, 0.05, len(t)), q + (tau + kd * qd) / kp], axis=1)
+    np.savetxt(tmp_path / "log" / "run.csv", rows, delimiter=",", header="t,q.z,qd.z,tau.z,q_des.z", comments="")
+    (tmp_path / "log" / "log.json").write_text(
+        json.dumps({"robot": "../robot.xml", "base": "fixed", "kp": kp, "kd": kd, "tau_is": "estimate"})
+    )
+    log = load_log(tmp_path / "log")
+    model = replay_model(tmp_path / "robot.xml", log)
+    seen = check_commands(model, log)
+    assert sum(run.samples for run in seen.runs) == len(t)
+    units = {p.cause: p.unit for p in parameters_of(model, log) if p.where == "z"}
+    assert (units["coulomb_friction"], units["viscous_friction"], units["encoder_offset"]) == ("N", "N·s/m", "m")
+    assert units["kp"] == "N/m" and units["torque_lag"] == "s"
 
 
 def test_a_torque_that_targets_do_not_ask_for_is_no_hand(tmp_path: Path) -> None:
