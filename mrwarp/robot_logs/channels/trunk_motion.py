@@ -62,12 +62,16 @@ class Reading(NamedTuple):
 def one_trunk(log: RobotLog, settings: Settings) -> RobotLog:
     """The log without readings of the trunk's motion that contradict the others, with a note on each.
 
+    A note, too, where nothing says how the trunk leans.
+
     Raises:
         LogError: orientation and gyroscope contradict each other, and the orientation may be what is wrong.
     """
     if log.base != "free":
         return log
     notes, out = [], []
+    if blind := [run.id for run in log.runs if "quat" not in run.base]:
+        notes.append(f"no quat in {', '.join(blind)}: the trunk is taken as level there; log it where the robot leans")
     for channel in PAIRS:
         if text := _contradiction(log, channel, settings):
             out.append(channel)

@@ -55,6 +55,14 @@ def healthy() -> RobotLog:
     return swaying(YAW)
 
 
+def test_a_trunk_without_orientation_is_level_with_a_note(healthy: RobotLog) -> None:
+    """A robot that leans would be another one in silence."""
+    (run,) = healthy.runs
+    blind = replace(healthy, runs=(replace(run, base={"gyro": run.base["gyro"]}),))
+    assert one_trunk(blind, Settings()).notes[-1].startswith("no quat in sway: the trunk is taken as level there")
+    assert not any("level" in note for note in one_trunk(healthy, Settings()).notes)
+
+
 def changed(log: RobotLog, channel: str, change: Change) -> RobotLog:
     """The log with another reading of a channel, (N, C), by the orientation."""
     (run,) = log.runs
