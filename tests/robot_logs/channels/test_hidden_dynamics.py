@@ -54,7 +54,7 @@ def test_rigid_robots_hide_no_motion(hide: str, tmp_path: Path) -> None:
 
 
 def test_noise_of_encoders_hides_no_motion(tmp_path: Path) -> None:
-    """What a row's noise adds to an acceleration is in the oscillator's torque and in the torque that is left."""
+    """Noise of a row's acceleration is in the oscillator's torque and in the torque that is left."""
     inner = '<body pos="0.25 0 0"><joint name="z" type="slide"/><geom size="0.04" mass="1.3"/></body>'
     for name, length, mass in (("b", 0.25, 2.5), ("a", 0.3, 4.0)):
         rod = f'<geom type="capsule" size="0.045" fromto="0 0 0 {length} 0 0" mass="{mass}"/>'
