@@ -82,7 +82,7 @@ class Likelihood(Pieces):
             self,
             information=self.information[:, k][:, :, k],
             score=self.score[:, k],
-            slopes=tuple(replace(x, j=x.j[:, k]) for x in self.slopes),
+            slopes=tuple(replace(x, j=x.j[:, k], about=x.about[k]) for x in self.slopes),
         )
 
 
@@ -308,7 +308,8 @@ def fit(
 
     Derivatives and weights stay those of ``likelihood``, about ``theta`` where it is given, while steps gain what they
     promise; ``renew`` times they are taken again, None takes the settings'. Returned are parameters, shape (P,), the
-    likelihood about them, and whether its derivatives are of there.
+    likelihood about them, and whether its derivatives are of there, or of a step of each number around: they are
+    differences over that step.
     """
 
     def quadratic(theta: np.ndarray, seen: Likelihood, loss: float) -> Quadratic:
@@ -320,12 +321,17 @@ def fit(
         new = gather(model, groups, parameters, theta, log)
         return quadratic(theta, new, new.at(theta))
 
+    def holds(x: np.ndarray, near: Likelihood) -> bool:
+        return all(bool((np.abs(x - own.about) <= step).all()) for own in near.slopes)
+
     def seen(theta: np.ndarray, here: Quadratic) -> Quadratic:
         log(f"replay {next(looks)}")
+        near.append(holds(theta, here.content))
         loss, moved = replayed(here.content, model, groups, parameters, theta)
         return quadratic(theta, moved, loss)
 
-    settings, looks = model.settings.robot_fit, itertools.count(1)
+    settings, looks, step = model.settings.robot_fit, itertools.count(1), np.abs([p.step for p in parameters])
+    near: list[bool] = []
     rules = Rules(
         iterations=settings.trials * steps,
         steps=steps,
@@ -333,15 +339,15 @@ def fit(
         increase=10.0,
         most=30.0,
         least=1e-6,
-        predicted=lambda promised, loss: False,
+        predicted=lambda promised, loss: promised < settings.converged,
         gained=lambda gain, loss: gain < settings.converged,
-        stale=lambda gain, promised: settings.converged <= gain < settings.trusted * promised,
+        stale=lambda gain, promised: settings.converged <= gain < settings.trusted * promised and not near[-1],
         renewals=settings.renewals if renew is None else renew,
         lets_go=True,
     )
     start = None if likelihood is None else quadratic(theta, likelihood, likelihood.at(theta))
     found = minimise(about, theta, low, high, rules=rules, seen=seen, start=start)
-    return found.x, found.quadratic.content, found.fresh
+    return found.x, found.quadratic.content, found.fresh or holds(found.x, found.quadratic.content)
 
 
 def _mismatch(replay: Replay, parameters: list[Parameter], theta: np.ndarray, own: np.ndarray) -> np.ndarray:

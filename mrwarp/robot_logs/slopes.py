@@ -48,6 +48,8 @@ class Slopes:
     """By the window's start, per step of it, and by what wanders in a window of a free robot, shape (W, Z, N)."""
     windows: Windows
     """The windows, with the steps of the replays from which derivatives are taken."""
+    about: np.ndarray
+    """Parameters at which derivatives are taken, shape (P,)."""
     base: np.ndarray
     """Mismatch of these replays where derivatives are taken, 0 where there is no reading, shape (W, N)."""
 
@@ -139,7 +141,8 @@ def completed(
             own = getattr(slopes, name)[at[old]]  # noqa: B023
             return own if rest is None else np.concatenate([own, getattr(rest, name)])[order]  # noqa: B023
 
-        return Slopes(layout=near, j=both("j"), z=both("z"), windows=_long_steps(windows), base=both("base"))
+        rows = {name: both(name) for name in ("j", "z", "base")}
+        return Slopes(layout=near, windows=_long_steps(windows), about=theta, **rows)
     return slopes_of(model, windows, parameters, theta, log)
 
 
@@ -199,7 +202,7 @@ def slopes_of(
         np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
     base = np.where(np.isnan(side_by_side(mismatch(seen, seen))), 0.0, x[-1])
     j, z = (np.ascontiguousarray(values.swapaxes(0, 1)) for values in (j, z))
-    return Slopes(layout=layout, j=j, z=z, windows=replay.windows, base=base)
+    return Slopes(layout=layout, j=j, z=z, windows=replay.windows, about=theta, base=base)
 
 
 def _of_readings(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mrwarp.robot_logs.causes.parameter import parameters_of
-from mrwarp.robot_logs.likelihood import gather, left_by_each, losses, replayed
+from mrwarp.robot_logs.likelihood import fit, gather, left_by_each, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.window_replay import Replay
 from mrwarp.robot_logs.windows import Windows, cut_windows
-from tests.robot_logs.arm_log import arm_log
+from tests.robot_logs.arm_log import KP, arm_log
 
 EPS = float(np.finfo(np.float32).eps)
 
@@ -59,3 +59,17 @@ def test_searches_take_the_long_steps_of_the_derivatives(tmp_path: Path, monkeyp
     replayed(likelihood, model, groups, parameters, np.zeros(len(parameters)))
     left_by_each(likelihood, model, groups, parameters, np.zeros((2, len(parameters))))
     assert taken and min(taken) > 2.0 * max(w.h for w in groups)
+
+
+@pytest.mark.parametrize(("kp", "fresh"), [(1.03, True), (1.4, False)])
+def test_derivatives_hold_within_their_own_steps(kp: float, fresh: bool, tmp_path: Path) -> None:
+    """They are differences over a step of each number, of 0.05 for a gain: nearer new ones would say nothing else."""
+    log = load_log(arm_log(tmp_path, seconds=3.0, kp=kp * KP))
+    model = replay_model(tmp_path / "arm.xml", log)
+    parameters, groups = parameters_of(model, log), cut_windows(model, log)
+    own = [k for k, p in enumerate(parameters) if p.cause == "kp"]
+    low, high = (np.isin(range(len(parameters)), own) * end for end in (-0.5, 0.5))
+    theta, nothing = np.zeros(len(parameters)), np.zeros((len(parameters), len(parameters)))
+    likelihood = gather(model, groups, parameters, theta, lambda _: None)
+    x, _, holds = fit(model, groups, parameters, theta, likelihood, nothing, low, high, lambda _: None, renew=0)
+    assert x[own] == pytest.approx(kp - 1.0, abs=0.03) and holds == fresh

@@ -268,6 +268,7 @@ def test_a_fault_of_a_coil_cannot_hide_behind_the_robot() -> None:
         layout={"current": (60, 1)},
         j=share.astype(np.float32),
         z=np.zeros((30, 1, 60), np.float32),
+        about=np.zeros(2),
         base=read,
         windows=SimpleNamespace(),
     )
