@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from mrwarp.env.sim_model import build_scene
 from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.params import MrParams
 from mrwarp.robot_logs.described.logged_part import check_joints, floor_height, hold, let_float, motors, name_all
-from mrwarp.robot_logs.robot_log import LogError, RobotLog
+from mrwarp.robot_logs.robot_log import LogError, RobotLog, reads_torque
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
 from mrwarp.sysid.settings import Settings
@@ -129,6 +130,8 @@ class ReplayModel:
     """Height of the floor [m]."""
     sink: np.ndarray
     """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
+    beyond: Mapping[str, float] = field(default_factory=dict)
+    """Torque that the log reads of joints whose description limits it to less [N·m]: they have no limit here."""
     held: tuple[str, ...] = ()
     """Joints that the log does not have and a drive holds: they do not move."""
     hidden: Hidden | None = None
@@ -202,6 +205,12 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
     else:
         let_float(path, spec, log.joints)
     own, rotors = motors(described := _compiled(spec, path), log.joints)
+    far = 1.0 + Settings().gain.half  # a drive at its limit reads it, by a channel whose gain may be off
+    limits = {joint: max(map(abs, ends)) for joint, ends in own.items()}
+    beyond = {joint: most for joint, most in _read(log).items() if most > far * limits.get(joint, np.inf)}
+    for joint in beyond:
+        del own[joint]
+        spec.joint(joint).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
     held, limits = hold(spec, log.joints, drives), own | drives
     _drive(spec, log, limits, rotors)
     floor = floor_height(described) if log.base == "free" else None
@@ -242,6 +251,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         weight=np.zeros(len(ids)) if free else _weight(model, log, model.jnt_qposadr[ids], model.jnt_dofadr[ids]),
         floor=floor or 0.0,
         sink=_sink(model, _feet(model), floor or 0.0) if free else np.zeros(0),
+        beyond=beyond,
         held=held,
     )
     many = path.suffix == ".urdf" and len(set(found.limbs.values())) >= FEWEST_LEGS
@@ -308,6 +318,15 @@ def _weight(
     data = mujoco.MjData(model)
     rows = (q for run in log.runs for q in run.joint["q"][:: max(1, run.samples // rows_of_each)])
     return np.max([np.abs(bias_torque(model, data, q_adr, v_adr, q, 0.0)) for q in rows], axis=0)
+
+
+def _read(log: RobotLog) -> dict[str, float]:
+    """Torque that each joint's motor gave by the log, but for a hundredth of the rows, which may be noise [N·m]."""
+    rows = [np.abs(run.joint["tau"]) for run in log.runs if reads_torque(log, run)]
+    if not rows:
+        return {}
+    most = np.quantile(np.nan_to_num(np.concatenate(rows)), 0.99, axis=0)
+    return dict(zip(log.joints, most.tolist(), strict=True))
 
 
 def _reach(model: mujoco.MjModel) -> np.ndarray:

@@ -198,6 +198,10 @@ def _read(robot: Path, log: RobotLog, device: str, settings: Settings, progress:
     if model.held:
         note = f"{', '.join(model.held)}: not in the log, so held where the description has them"
         log = replace(log, notes=(*log.notes, note))
+    if model.beyond:
+        read = ", ".join(f"{joint} ({most:.3g} N·m)" for joint, most in model.beyond.items())
+        note = f"tau is far beyond the description's torque limit at {read}: it has none here"
+        log = replace(log, notes=(*log.notes, note))
     log = consistent(model, check_commands(model, one_trunk(one_motion(log, model.settings), model.settings)))
     model = with_oscillator(model, log)
     least, effort = settings.robot.windows, settings.robot_fit

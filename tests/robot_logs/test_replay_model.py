@@ -74,6 +74,24 @@ def test_a_fixed_link_without_inertial_has_no_mass(tmp_path: Path) -> None:
     assert model.body("leg").mass[0] == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize(("effort", "limit"), [(30.0, 30.0), (8.0, 8.0), (4.0, None)])
+def test_a_limit_that_the_torque_goes_far_beyond_is_none(effort: float, limit: float | None, tmp_path: Path) -> None:
+    """As of a URDF whose effort is a placeholder: the replay would be too weak, and the robot be blamed."""
+    joint = f'<joint name="a" axis="0 1 0" actuatorfrcrange="{-effort} {effort}"/>'
+    (tmp_path / "robot.xml").write_text(
+        f'<mujoco><worldbody><body>{joint}<geom size="0.1" pos="0.3 0 0"/></body></worldbody></mujoco>'
+    )
+    t = 0.01 * np.arange(200)
+    rows = np.column_stack([t, np.zeros_like(t), np.zeros_like(t), 10.0 * np.sin(5.0 * t)])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="t,q.a,q_des.a,tau.a", comments="")
+    header = {"robot": "robot.xml", "base": "fixed", "kp": 300, "kd": 9, "tau_is": "estimate"}
+    (tmp_path / "log.json").write_text(json.dumps(header))
+    model = replay_model(tmp_path / "robot.xml", load_log(tmp_path))
+    assert list(model.beyond) == ([] if limit else ["a"]) and bool(model.limited[0]) == bool(limit)
+    assert bool(model.model.jnt_actfrclimited[0]) == bool(limit)
+    assert model.model.actuator_forcerange[0, 1] == (limit or 1e6)
+
+
 @pytest.mark.parametrize(("height", "soft"), [(0.0, 0.02), (-0.7, 0.02), (0.3, 0.09)])
 def test_a_robot_stands_on_the_floor_of_its_file(height: float, soft: float, tmp_path: Path) -> None:
     """Its feet sink as far as MuJoCo lets them, however soft they are and wherever the floor is."""
