@@ -33,7 +33,7 @@ _SHORT = "it is shorter than a sample: with this law it may only round the corne
 HIDDEN_MOTION = "it is a small part of a sample: with a shaft that yields it may stand for its hidden motion"
 """Why one that is shorter still is no cause there, and what it would take up no structure."""
 _HIDDEN = "it is too small to resolve at your sampling rate"
-"""Why a spring next to play is no cause there; play that is none itself hides nothing."""
+"""Why a spring is no cause next to play, or next to another law; play that is none itself hides nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -314,7 +314,8 @@ def _size_rejection(effect: str, fit: Fit, problem: Problem) -> str:
     unseen = problem.settings.proof.unseen * ranges.dt
     if KNOWN[effect].rounds_corners and value < unseen and set(YIELDING) & set(fit.effects):
         return HIDDEN_MOTION
-    if KNOWN[effect].hidden_by in fit.effects and value * ranges.torque < 0.5 * ranges.qd * ranges.dt:
+    finest = 0.5 if KNOWN[effect].hidden_by in fit.effects else inexact * problem.settings.proof.unseen
+    if KNOWN[effect].hidden_by and value * ranges.torque < finest * ranges.qd * ranges.dt:
         return _HIDDEN
     if impossible := impossible_size(effect, fit, ranges):
         return impossible

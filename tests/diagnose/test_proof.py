@@ -117,6 +117,21 @@ def test_a_lag_that_is_too_short_to_be_named_is_an_alternative(monkeypatch: pyte
         assert selection.alternatives.get("cogging", ()) == (() if others else ("torque_sensor_lag",))
 
 
+@pytest.mark.parametrize(
+    ("effect", "number"), [("torque_sensor_lag", "time_constant"), ("series_compliance", "compliance")]
+)
+def test_next_to_another_law_nothing_is_resolved_within_a_sample(effect: str, number: str) -> None:
+    """A lag shorter than a sample and a spring that bends by less than it: the law's own corners look like that."""
+    problem = known.problem({effect: {number: 0.01}}, at=known.motion(50, runs=6, seconds=3.0))
+    true = known.fitted(problem, {effect: {number: 0.01}})
+    for misfit in (False, True):
+        for shorter in (1.0, 30.0):
+            x = true.x.copy()
+            x[true.parameters.own(effect)] -= np.log(shorter)
+            reason = proof._size_rejection(effect, replace(true, x=x), replace(problem, misfit=misfit))
+            assert ("sampl" in reason) == (misfit and shorter > 1.0)
+
+
 @pytest.mark.parametrize("one", [True, False])
 def test_a_true_lag_is_as_long_in_slow_motion_as_in_quick(one: bool) -> None:
     """A sensor has one lag; what is four times as long in the slower half of the runs stands for something else."""

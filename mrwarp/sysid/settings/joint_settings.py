@@ -91,7 +91,8 @@ class Proof(Checked):
     """Ratio of an effect's sizes in two halves from which it is no single effect; of dry friction between speeds, which
     changes with speed, its square."""
     unseen: float = setting(0.1, 0.0, 1.0, fewer="false lags behind a yielding shaft", more="missed ones")
-    """Part of a sample below which a lag is not distinguished from the hidden motion of a yielding shaft."""
+    """Part of a sample below which a lag is not distinguished from the hidden motion of a yielding shaft, nor a spring
+    from the corners of another law."""
     rounds: int = setting(6, 2, 100, fewer="searches that end without a cause", more="work")
     """Most searches; each after the first leaves out the suspects of those before."""
 
