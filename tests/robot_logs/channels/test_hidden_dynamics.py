@@ -63,7 +63,7 @@ def test_noise_of_encoders_hides_no_motion(tmp_path: Path) -> None:
     robot, t, kp, kd = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")), 0.004 * np.arange(2000), 400.0, 12.0
     data, rng, w, tau = mujoco.MjData(robot), np.random.default_rng(0), np.array([1.3, 1.7, 2.1]), np.zeros((2000, 3))
     parts = [(size * np.array([0.9, 0.9, 0.06]), times * w) for size, times in ((1.0, 1.0), (0.12, 4.0))]
-    motion = [np.sum([s * v**k * np.sin(np.outer(t, v) + 0.5 * k * np.pi) for s, v in parts], 0) for k in range(3)]
+    motion = [sum(s * v**k * np.sin(np.outer(t, v) + 0.5 * k * np.pi) for s, v in parts) for k in range(3)]
     for k, row in enumerate(np.stack(motion, axis=1)):
         data.qpos[:], data.qvel[:], data.qacc[:] = row
         mujoco.mj_inverse(robot, data)
