@@ -150,10 +150,8 @@ def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selec
         return reduction(held, seed)[1], {"torque": Change.of(held.baseline, held.extended)}, held
 
     def impossible(named: Sequence[str]) -> dict[str, str]:
-        """Sizes that no device has, or that what has no name leaves unknown."""
-        fit, proof, known = models.reported(with_only(named).final), problem.settings.proof, selection.refined
-        sizes = {effect: impossible_size(effect, fit, problem.motion.ranges) for effect in named}
-        return {effect: why or interval_rejection(effect, fit, proof, known) for effect, why in sizes.items()}
+        fit = models.reported(with_only(named).final)
+        return {effect: impossible_size(effect, fit, problem.motion.ranges) for effect in named}
 
     named, refused, held = passed(
         selection.named,

@@ -7,7 +7,7 @@ replay then applies that torque, times a size that is 1 where the hypothesis is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,18 +21,14 @@ from mrwarp.robot_logs.channels.joint_torque import JointTorques, torques_along
 from mrwarp.robot_logs.replay_model import Hidden, ReplayModel
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog
 
-Torques = Callable[[float], list[np.ndarray]]
-"""Torque that an oscillator of a natural frequency [Hz] adds to the rigid bodies' at the joints [N·m], for each
-recording, shape (N, J)."""
-
 
 class Oscillator(NamedTuple):
     """A motion that the log does not have."""
 
     frequency: float
     """Natural frequency [Hz]."""
-    size: float
-    """Factor on its torque, see :data:`Torques`."""
+    torque: tuple[np.ndarray, ...]
+    """Torque that it adds to the rigid bodies' at the joints [N·m], for each recording, shape (N, J)."""
     share: float
     """Share of the mismatch that it explains [1]."""
 
@@ -48,20 +44,17 @@ def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
     """The robot with the oscillator that best explains what rigid bodies leave of the commanded torque, if any does."""
     if model.free or not all("q_des" in run.joint for run in log.runs):
         return model
-    rows = _Rows.of(model, log)
-    found = [(own, j) for j in range(len(log.joints)) if (own := _elastic(model, log, rows, j)) is not None]
+    along = [torques_along(model, log, run, SMOOTHED) for run in log.runs]
+    found = [(own, j) for j in range(len(log.joints)) if (own := _elastic(model, log, along, j)) is not None]
     if len(found) > 1:  # drives that all seem elastic have something else in common
         found = []
-    if len(log.joints) > 1 and (base := _base(model, log, rows)) is not None:
+    if len(log.joints) > 1 and (base := _base(model, log, along)) is not None:
         found.append((base, -1))
     if not found:
         return model
     best, joint = max(found, key=lambda x: x[0].share)
     rivals = tuple(j for _, j in found if j != joint)
-    whole = _Along.of(model, log)
-    torques = (_base_torques(model, whole) if joint < 0 else _elastic_torques(model, whole, joint))(best.frequency)
-    torque = tuple(best.size * x for x in torques)
-    motion = Hidden(joint=joint, frequency=best.frequency, torque=torque, share=best.share, rivals=rivals)
+    motion = Hidden(joint=joint, frequency=best.frequency, torque=best.torque, share=best.share, rivals=rivals)
     return replace(model, hidden=motion)
 
 
@@ -76,98 +69,47 @@ def _inside(best: Oscillator | None, log: RobotLog) -> Oscillator | None:
     return best if best is not None and tried[0] < best.frequency < tried[-1] else None
 
 
-class _Along(NamedTuple):
-    """Rows of a log, and the torques along them."""
-
-    log: RobotLog
-    torques: list[JointTorques]
-
-    @classmethod
-    def of(cls, model: ReplayModel, log: RobotLog) -> _Along:
-        """Of all rows of a log."""
-        return cls(log, [torques_along(model, log, run, SMOOTHED) for run in log.runs])
-
-
-class _Rows(NamedTuple):
-    """Rows of a log that drive an oscillator, and those that judge it.
-
-    Accelerations have the noise of their encoders. What a row's noise asks of an oscillator is in the torque that is
-    left there, too, so that one of every two rows drives and the other judges.
-    """
-
-    driving: _Along
-    judging: _Along
-
-    @classmethod
-    def of(cls, model: ReplayModel, log: RobotLog) -> _Rows:
-        """Of a log."""
-        halves = [replace(log, runs=tuple(_every_other(run, first) for run in log.runs)) for first in range(2)]
-        return cls(*(_Along.of(model, own) for own in halves))
-
-    def moved(self, torque: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Torque at the rows that judge, (N, J), of that at those that drive."""
-        pairs = zip(self.driving.log.runs, self.judging.log.runs, torque, strict=True)
-        return [np.stack([np.interp(to.t, own.t, x) for x in t.T], axis=1) for own, to, t in pairs]
-
-
-def _every_other(run: LogRun, first: int) -> LogRun:
-    """Every other row of a recording, from the first or second on."""
-    joint, base, feet = ({name: x[first::2] for name, x in own.items()} for own in (run.joint, run.base, run.feet))
-    return replace(run, t=run.t[first::2], joint=joint, base=base, feet=feet, battery=None)
-
-
-def _elastic(model: ReplayModel, log: RobotLog, rows: _Rows, j: int) -> Oscillator | None:
+def _elastic(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j: int) -> Oscillator | None:
     """An elastic drive at joint ``j``, with the encoder at its motor or at its link; None where there is none."""
-    best, torques = None, _elastic_torques(model, rows.driving, j)
-    for frequency in _frequencies(log).tolist():
-        size, share, clear = _explained(model, rows.judging, rows.moved(torques(frequency)), [j])
+    rotor = float(model.model.dof_armature[model.v_adr[j]])
+    best: Oscillator | None = None
+    for frequency in _frequencies(log):
+        torque = []
+        for run, x in zip(log.runs, along, strict=True):
+            link = x.rigid[:, j] - rotor * np.gradient(x.qd[:, j], run.dt)
+            more = np.zeros(x.q.shape)
+            more[:, j] = behind(link, run.dt, frequency) - link
+            torque.append(more)
+        size, share, clear = _explained(model, log, along, torque, [j])
         # an encoder at the motor does not see the link's swing, one at the link not the motor's, which leads as much
         if clear and RIGHT[0] < abs(size) < RIGHT[1] and share > (best.share if best else 0.0):
-            best = Oscillator(frequency, float(np.sign(size)), share)
+            best = Oscillator(float(frequency), tuple(np.sign(size) * x for x in torque), share)
     return _inside(best, log)
 
 
-def _elastic_torques(model: ReplayModel, along: _Along, j: int) -> Torques:
-    rotor = float(model.model.dof_armature[model.v_adr[j]])
-
-    def torques(frequency: float) -> list[np.ndarray]:
-        found = []
-        for run, x in zip(along.log.runs, along.torques, strict=True):
-            link = x.rigid[:, j] - rotor * np.gradient(x.qd[:, j], run.dt)
-            found.append(np.zeros(x.q.shape))
-            found[-1][:, j] = behind(link, run.dt, frequency) - link
-        return found
-
-    return torques
-
-
-def _base(model: ReplayModel, log: RobotLog, rows: _Rows) -> Oscillator | None:
+def _base(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques]) -> Oscillator | None:
     """A base that tilts about its origin under the robot's moment; None where it does not."""
-    best, torques, joints = None, _base_torques(model, rows.driving), list(range(len(model.joints)))
-    for frequency in _frequencies(log).tolist():
-        size, share, clear = _explained(model, rows.judging, rows.moved(torques(frequency)), joints)
-        if clear and size > 0.0 and share > (best.share if best else 0.0):
-            best = Oscillator(frequency, size, share)
-    return _inside(best, log)
-
-
-def _base_torques(model: ReplayModel, along: _Along) -> Torques:
-    known = [(run.dt, *_tilted(model, x, run)) for x, run in zip(along.torques, along.log.runs, strict=True)]
-
-    def torques(frequency: float) -> list[np.ndarray]:
-        found = []
-        for dt, moment, coupling, lean in known:
+    tilts = [_tilted(model, x, run) for x, run in zip(along, log.runs, strict=True)]
+    best, joints = None, list(range(len(log.joints)))
+    for frequency in _frequencies(log):
+        torque = []
+        for run, (moment, coupling, lean) in zip(log.runs, tilts, strict=True):
             # the moment's mean is how the base was leveled
-            tilt = -behind(moment - moment.mean(axis=0), dt, frequency)
-            fast = np.gradient(np.gradient(tilt, dt, axis=0), dt, axis=0)
-            found.append(np.einsum("nja,na->nj", coupling, fast) + np.einsum("nja,na->nj", lean, tilt))
-        return found
-
-    return torques
+            tilt = -behind(moment - moment.mean(axis=0), run.dt, frequency)
+            fast = np.gradient(np.gradient(tilt, run.dt, axis=0), run.dt, axis=0)
+            torque.append(np.einsum("nja,na->nj", coupling, fast) + np.einsum("nja,na->nj", lean, tilt))
+        size, share, clear = _explained(model, log, along, torque, joints)
+        if clear and size > 0.0 and share > (best.share if best else 0.0):
+            best = Oscillator(float(frequency), tuple(size * x for x in torque), share)
+    return _inside(best, log)
 
 
 def _explained(
-    model: ReplayModel, along: _Along, torque: Sequence[np.ndarray], joints: Sequence[int]
+    model: ReplayModel,
+    log: RobotLog,
+    along: Sequence[JointTorques],
+    torque: Sequence[np.ndarray],
+    joints: Sequence[int],
 ) -> tuple[float, float, bool]:
     """Common size of a torque at some joints, the share of the rest that it explains, and whether it counts.
 
@@ -178,7 +120,7 @@ def _explained(
     pairs = []
     for j in joints:
         rows = []
-        for run, x, t in zip(along.log.runs, along.torques, torque, strict=True):
+        for run, x, t in zip(log.runs, along, torque, strict=True):
             rate = np.gradient(x.asked[:, j], run.dt)  # with the next one: of a delay, to second order
             late = [rate, np.gradient(rate, run.dt), np.gradient(np.gradient(x.rigid[:, j], run.dt), run.dt)]
             free = [x.gravity[:, j], x.inertial[:, j], x.rubbed[:, j], x.qd[:, j], *late]
@@ -193,7 +135,7 @@ def _explained(
     size = float(dots.sum() / max(powers.sum(), 1e-300))
     each = np.sort(2.0 * size * dots - size**2 * powers)
     share, whole, gain = float(each[-SHARED:].mean()), np.concatenate(pairs), model.settings.gain
-    limit = by_chance(whole[:, 0], whole[:, 1], STEPS * (len(model.joints) + 1), gain.chance)
+    limit = by_chance(whole[:, 0], whole[:, 1], STEPS * (len(log.joints) + 1), gain.chance)
     return size, share, share > gain.part and size * float(dots.sum()) / len(joints) > limit
 
 

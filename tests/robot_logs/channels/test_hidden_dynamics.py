@@ -1,10 +1,8 @@
 """Elastic drives and a base that gives way are found by the torque that rigid bodies leave; in healthy arms none."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -51,30 +49,6 @@ def test_a_hidden_motion_is_found_with_its_frequency(hide: str, joint: int, freq
 def test_rigid_robots_hide_no_motion(hide: str, tmp_path: Path) -> None:
     """Healthy or with another fault, which its own cause explains."""
     assert found(tmp_path, *([hide] if hide else [])) is None
-
-
-def test_noise_of_encoders_hides_no_motion(tmp_path: Path) -> None:
-    """Noise of a row's acceleration is in the oscillator's torque and in the torque that is left."""
-    inner = '<body pos="0.25 0 0"><joint name="z" type="slide"/><geom size="0.04" mass="1.3"/></body>'
-    for name, length, mass in (("b", 0.25, 2.5), ("a", 0.3, 4.0)):
-        rod = f'<geom type="capsule" size="0.045" fromto="0 0 0 {length} 0 0" mass="{mass}"/>'
-        inner = f'<body pos="{"0.3 0 0" if name == "b" else "0 0 0.4"}"><joint name="{name}"/>{rod}{inner}</body>'
-    (tmp_path / "robot.xml").write_text(f"<mujoco><worldbody>{inner}</worldbody></mujoco>")
-    robot, t, kp, kd = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")), 0.004 * np.arange(2000), 400.0, 12.0
-    data, rng, w, tau = mujoco.MjData(robot), np.random.default_rng(0), np.array([1.3, 1.7, 2.1]), np.zeros((2000, 3))
-    parts = [(size * np.array([0.9, 0.9, 0.06]), times * w) for size, times in ((1.0, 1.0), (0.12, 4.0))]
-    motion = [sum(s * v**k * np.sin(np.outer(t, v) + 0.5 * k * np.pi) for s, v in parts) for k in range(3)]
-    for k, row in enumerate(np.stack(motion, axis=1)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = row
-        mujoco.mj_inverse(robot, data)
-        tau[k] = data.qfrc_inverse
-    read = [x + rng.normal(0.0, noise, x.shape) for x, noise in zip(motion, (2e-4, 0.02), strict=False)]
-    names = ",".join(["t", *(f"{channel}.{x}" for channel in ("q", "qd", "q_des") for x in "abz")])
-    rows = np.column_stack([t, *read, motion[0] + (tau + kd * motion[1]) / kp])
-    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=names, comments="")
-    (tmp_path / "log.json").write_text(json.dumps({"robot": "robot.xml", "base": "fixed", "kp": kp, "kd": kd}))
-    log = load_log(tmp_path)
-    assert with_oscillator(replay_model(tmp_path / "robot.xml", log), log).hidden is None
 
 
 @pytest.mark.parametrize("width", [1, 30])
