@@ -167,8 +167,8 @@ def _required() -> Check:
 
     left = [needed - added for needed, added in zip(by_drop, have, strict=True)]
     whole = [two_knees.torque(amps, BENT, -SPEED, -BoucWenParams().z_bound, raw=True) for amps in CURRENTS]
-    best = two_knees.changes(two_knees.by_zero_row(raw=True, drag=False), CURRENTS)
     knees = two_knees.by_zero_row(raw=True, drag=False)
+    best = two_knees.changes(knees, CURRENTS)
     rows = paper.TABLE_4["simulation"]
 
     def papers(cell: str) -> str:
