@@ -71,6 +71,9 @@ class JointBatch:
         if not 0.0 < dt < np.inf:
             raise ValueError(f"dt = {dt} s must be positive and finite")
         _check_device(device)
+        steps = [step.value for step in ZStep]
+        if not isinstance(z_step, ZStep) and z_step not in steps:
+            raise ValueError(f"z_step = {z_step!r} is unknown; choose from {', '.join(steps)}")
         found = read_device(model)
         mr, effects = (found.to_params(), found.effects) if isinstance(found, Model) else (found, ())
         self.shape = (num,) if joints is None else (num, joints)
@@ -98,7 +101,8 @@ class JointBatch:
 
         Arrays of NumPy, torch or Warp, or plain numbers for all joints; nothing passes the host that was not there.
         The first step, and the first after a reset, takes ``q`` for the place where the joint has rested. A joint that
-        gets NaN or an infinite number gives NaN, and goes on with it until it is reset; the others take no notice.
+        gets NaN or an infinite number gives NaN; if it was the velocity, until the joint is reset. The others take no
+        notice.
 
         Args:
             q: Angle [rad], shape (N,) or (N, joints).
@@ -156,7 +160,7 @@ class JointBatch:
         if mask is None:
             self._fresh = True
             return
-        host = _on_host(mask)
+        host = _array("mask", mask)
         if host.dtype != np.bool_:
             raise TypeError(f"mask is of {host.dtype}; give bool, as in mask = numbers > 0")
         if host.shape != self.shape[:1]:
@@ -169,7 +173,15 @@ class JointBatch:
         return {**self._actuator.state(), "fresh": np.array(self._fresh)}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from :meth:`state`, bit-equal."""
+        """Go on from :meth:`state`, bit-equal.
+
+        Raises:
+            ValueError: it is the state of a batch with another device or number of joints.
+        """
+        for name, array in self.state().items():
+            given = np.shape(state[name]) if name in state else None
+            if given != array.shape:
+                raise ValueError(f"state: {name!r} has shape {given}, need {array.shape}: it is of another batch")
         self._actuator.load_state(state)
         self._fresh = bool(state["fresh"])
 
@@ -182,11 +194,11 @@ class JointBatch:
         elif _is_tensor(given):
             if given.requires_grad:
                 raise ValueError(f"{name} requires a gradient, and the kernels give none; pass {name}.detach()")
-            if given.is_complex():
+            if given.is_complex() or str(given.dtype) == "torch.bool":
                 raise TypeError(f"{name} is of {given.dtype}; give real numbers")
             values = wp.from_torch(given.float().contiguous())
         else:
-            host = np.asarray(given)
+            host = _array(name, given)
             if host.dtype.kind not in "fiu":
                 raise TypeError(f"{name} is of {host.dtype}; give real numbers")
             host = host.astype(np.float32)
@@ -248,5 +260,11 @@ def _is_tensor(given: object) -> TypeGuard[Tensor]:
     return torch is not None and isinstance(given, torch.Tensor)
 
 
-def _on_host(given: Numbers) -> np.ndarray:
-    return given.numpy() if isinstance(given, wp.array) else np.asarray(given.cpu() if _is_tensor(given) else given)
+def _array(name: str, given: Numbers) -> np.ndarray:
+    """As an array of NumPy, on the host."""
+    if isinstance(given, wp.array):
+        return given.numpy()
+    try:
+        return np.asarray(given.cpu() if _is_tensor(given) else given)
+    except ValueError:
+        raise ValueError(f"{name} has rows of different lengths; give an array") from None

@@ -111,9 +111,12 @@ class Brake:
             current: Commanded coil current [A]; a negative one acts by its size.
 
         Raises:
+            TypeError: the current is no number.
             ValueError: the current, or the joint's state, is no finite number, and the friction stays what it was; or
                 the model's time step is no longer the one that the brake was made for.
         """
+        if np.ndim(current) or np.asarray(current).dtype.kind not in "fiu":
+            raise TypeError(f"current = {current!r}: give one number [A]")
         if self.model.opt.timestep != self._joint.dt:
             given, made = self.model.opt.timestep, self._joint.dt
             raise ValueError(f"the model's timestep is {given:g} s, the brake was made for {made:g} s; make it again")

@@ -142,7 +142,10 @@ BAD: list[tuple[dict, dict, str]] = [
     ({"joints": True}, {}, "joints = True must be a whole number"),
     ({"dt": "0.005"}, {}, "dt = '0.005': give the step as a number"),
     ({"device": "gpu"}, {}, "device = 'gpu': Warp has none such here; choose from cpu"),
-    ({"z_step": "rk4"}, {}, "'rk4' is not a valid ZStep"),
+    ({"z_step": "rk4"}, {}, "z_step = 'rk4' is unknown; choose from euler, exact"),
+    ({}, {"q": torch.zeros(2, dtype=torch.bool)}, "q is of torch.bool; give real numbers"),
+    ({}, {"q": [[0.0], [0.0, 1.0]]}, "q has rows of different lengths; give an array"),
+    ({}, {"mask": [[True], [True, False]]}, "mask has rows of different lengths"),
     ({}, {"q": np.zeros((2, 1))}, r"q has shape \(2, 1\), need \(2,\)"),
     ({}, {"q": ["a", "b"]}, "q is of <U1; give real numbers"),
     ({}, {"current": np.zeros(2, complex)}, "current is of complex128; give real numbers"),
@@ -171,6 +174,20 @@ def test_a_wrong_argument_is_one_error_that_names_it(made: dict, given: dict, sa
         if "mask" in given:
             joints.reset(**given)
         joints.step(**{"q": np.zeros(2), "qd": np.ones(2), "current": 1.0, **given})
+    for name, value in joints.state().items():
+        np.testing.assert_array_equal(value, before[name])
+
+
+def test_the_state_of_another_batch_is_refused() -> None:
+    """Of another number of joints, of another device, or of none; the batch stays as it was."""
+    joints = JointBatch(num=2, dt=DT)
+    before = joints.state()
+    lagging = replace(brake(), effects=(make_effect("command_delay", STRENGTHS["command_delay"]),))
+    for other in (JointBatch(num=3, dt=DT).state(), {}):
+        with pytest.raises(ValueError, match="it is of another batch"):
+            joints.load_state(other)
+    with pytest.raises(ValueError, match="it is of another batch"):
+        JointBatch(lagging, 2, dt=DT).load_state(before)
     for name, value in joints.state().items():
         np.testing.assert_array_equal(value, before[name])
 

@@ -98,6 +98,9 @@ def test_a_current_that_is_none_is_refused_and_a_negative_one_holds() -> None:
     before = model.dof_frictionloss[0]
     with pytest.raises(ValueError, match="current = nan is no finite number"):
         brake.step(float("nan"))
+    for wrong in ("1", None, True, 1j, [1.0], np.ones(2)):
+        with pytest.raises(TypeError, match="give one number"):
+            brake.step(wrong)
     data.qvel[0] = np.inf
     with pytest.raises(ValueError, match="velocity = inf is no finite number"):
         brake.step(1.0)
