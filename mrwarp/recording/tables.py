@@ -317,7 +317,7 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
         elif all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
             hint = f"the first line must name the columns: {', '.join(required)}"
         else:
-            near = _near(names, missing[0])
+            near = _near(names, missing[0]) or _by_unit(names, missing[0])
             hint = _renames(names, missing) if near else f"add it [{UNITS[missing[0]]}]"
             if len(near) > 1 and all(each[-1].isdigit() for each in near):
                 hint = f"{', '.join(near[:4])}: a recording is of one joint, so write one file for each, or {hint}"
@@ -334,7 +334,9 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
 
 def _renames(names: list[str], missing: list[str]) -> str:
     """Names for columns that are there by another one, and the units that stand in it."""
-    near = {name: found[0] for name in (*missing, "qd") if name not in names and (found := _near(names, name))}
+    asked = [name for name in (*missing, "qd") if name not in names]
+    near = {name: found[0] for name in asked if (found := _near(names, name))}
+    near |= {name: found[0] for name in asked if name not in near and (found := _by_unit(names, name))}
     said = {name: unit for name, old in near.items() if (unit := _unit_in(old, name))}
     units = {name: unit for name, unit in said.items() if CONVERSIONS[name].get(unit) != (1.0, UNITS[name])}
     hint = "rename " + ", ".join(f"{old!r} to {name!r}" for name, old in near.items())
@@ -348,6 +350,13 @@ def _near(names: list[str], name: str) -> list[str]:
     bare = {each: each.removesuffix(_unit_in(each, name)).lower() for each in names}
     plain = {each: re.sub(r"\s*[\[(].*|[\s_]*\d*$", "", text) for each, text in bare.items()}
     return [each for each, text in plain.items() if text in (name, *_ALIASES[name])]
+
+
+def _by_unit(names: list[str], name: str) -> list[str]:
+    """The one column whose unit only this quantity has, as ``load_Nm`` a torque; empty where none or several have."""
+    others = {unit for other, units in CONVERSIONS.items() if other != name for unit in units}
+    found = [each for each in names if not _meant(each) and _unit_in(each, name) in CONVERSIONS[name].keys() - others]
+    return found if len(found) == 1 else []
 
 
 def _meant(column: str) -> str:

@@ -203,6 +203,14 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
         _text_edit(lambda x: ["time_ms,angle_deg,qd,coil_current_mA,torque_Nm", *x[1:]]),
         ("rename 'time_ms' to 't', 'angle_deg' to 'q', 'coil_current_mA'", '{"t": "ms", "q": "deg", "current": "mA"}'),
     ),
+    "a name that says its unit alone": (
+        _text_edit(lambda x: ["time_ms,angle_deg,qd,coil_mA,load_Nm", *x[1:]]),
+        ("'coil_mA' to 'current', 'load_Nm' to 'torque'", '"torque": "load_Nm"}'),
+    ),
+    "two that could be the torque": (
+        _text_edit(lambda x: ["t,q,qd,current,load_Nm,brake_Nm", *x[1:]]),
+        ("'torque' is missing", "add it [N·m]"),
+    ),
     "milliseconds": (_edited(t=lambda x: 1e3 * x), ("'t'", "look like milliseconds")),
     "empty file": (_bytes("bad.csv", b""), ("the file is empty",)),
     "empty gzip": (_bytes("bad.csv.gz", gzip.compress(b"")), ("the file is empty",)),
