@@ -108,7 +108,7 @@ def judged(problem: Problem, plain: Fit, log: Progress) -> tuple[Problem, Fit]:
     # what repeats along the angle of a joint that turns on and on is as quick as noise, and would be taken for it
     turns = motion.ranges.turns > 1.0
     if turns or rms(motion.torque - fit.torque) > problem.settings.reading.misfit * rms(motion.torque - plain.torque):
-        log("the misfit is larger than any noise: plain least squares")
+        log("plain least squares: the misfit is larger than any noise")
         problem, fit = with_learned_noise(replace(problem, misfit=True), plain)
     return problem, fit
 

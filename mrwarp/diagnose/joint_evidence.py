@@ -196,7 +196,7 @@ def judged_by_evidence(
     settings = models.problem.settings
     found = searched_by_evidence(plant, settings.odds, settings.gain, begin=selection.final)
     if found.suspects:
-        log(f"less likely than what has no name: {', '.join(found.suspects)}")
+        log(f"likelier without a name: {', '.join(found.suspects)}")
     if found.model is not selection.final:
         selection = replace(selection, final=found.model, leftovers=[])
     return _judged(plant, found, selection)

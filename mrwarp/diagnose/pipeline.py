@@ -264,12 +264,12 @@ def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]
     smooth = smooth_motion(problem, session.recording, best)
     if smooth is not problem:
         if smooth.motion is not problem.motion:
-            log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
+            log(f"motion smoothed {smooth.motion.kinematics.smoothing:g} times as much")
         problem, best = smooth, refit(smooth, best)
     # next to a large misfit any of its harmonics would pass for a line
     line = None if problem.misfit else find_line(problem, best)
     if line:
-        log(f"a line at {line.frequency:.2f} Hz is set aside")
+        log(f"line at {line.frequency:.2f} Hz set aside")
         problem = without_line(problem, best, line)
         best = refit(problem, best)
     if problem is not first or best is not base:
@@ -278,7 +278,7 @@ def _well_read(session: _Session, log: Progress) -> tuple[_Session, Line | None]
     aligned = align_clocks(problem, best)
     if aligned is problem:
         return logged, line
-    log(f"torque may be logged {aligned.motion.ahead:.2f} samples ahead of the motion")
+    log(f"torque taken {aligned.motion.ahead:.2f} samples later")
     problem = replace(aligned, noise=learn_noise(aligned, refit(aligned, best)))
     return replace(logged.screened_again(problem, refit(problem, base)), as_logged=logged), line
 
@@ -293,7 +293,7 @@ def _searched(
     found = _searched_as_read(session, method, log)
     if session.as_logged is None:
         return found
-    log("the same with the clocks as they are logged")
+    log("search with clocks as logged")
     other = _searched_as_read(session.as_logged, method, log)
     shifted, logged = (read.problem for read, *_ in (found, other))
     if shift_stands(shifted, found[2].selection.final, logged, other[2].selection.final):
@@ -328,7 +328,7 @@ def _smoothed_again(session: _Session, best: Fit, log: Progress) -> _Session:
     smooth = smooth_motion(session.problem, session.recording, best)
     if smooth.motion is session.problem.motion:
         return session
-    log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
+    log(f"motion smoothed {smooth.motion.kinematics.smoothing:g} times as much")
     problem, _ = _with_noise(session, smooth, refit(smooth, best), log)
     return session.screened_again(problem, refit(problem, session.base))
 

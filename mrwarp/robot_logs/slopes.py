@@ -183,7 +183,7 @@ def slopes_of(
     rows, at_once = [], max(1, AT_ONCE // count, replay.at_once // count)
     for first in range(0, len(values), at_once):
         part = np.arange(first, min(first + at_once, len(values)))
-        log(f"{first} of {len(values)} robots along {count} windows")
+        log(f"{first} of {len(values)} robots, {count} windows each")
         near = ParameterBatch.of(parameters, np.repeat(values[part], count, axis=0), model)
         rows.append(replay.left(near, np.tile(np.arange(count), len(part)), np.repeat(begins[part], count, axis=0)))
     x = np.concatenate(rows).reshape(len(values), count, -1)

@@ -116,7 +116,7 @@ def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
         return found
     since, last = _since(jump != 0.0, t)
     acts = np.where(last >= 0, np.sign(jump[last]), 0.0) * views["the device gives more than simulated"]
-    step = {**views, f"the torque changes more than simulated after a step of the {name}": acts}
+    step = {**views, "the step changes the torque more than simulated": acts}
     return [Axis(label=f"time since the last step of the {name} [s]", x=since, signs=step, logarithmic=True), *found]
 
 
