@@ -282,6 +282,11 @@ def figure_text(value: float | None, form: str, unit: str = "") -> str:
     return NOT_KNOWN if value is None or math.isnan(value) else f"{value:{form}}{unit}"
 
 
+def four_digits(note: str) -> str:
+    """A note for people, its numbers with four digits at most, as 0.01489 of 0.01488980216119077."""
+    return re.sub(r"(?<![\w./-])-?\d+\.\d{3,}(?:e[-+]?\d+)?(?![\w./])", lambda found: f"{float(found[0]):.4g}", note)
+
+
 def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> list[str]:
     """Lines of a table, each column as wide as its widest cell; the first ``left`` columns begin at the left."""
     cells = [tuple(head), *map(tuple, rows)]

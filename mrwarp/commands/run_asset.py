@@ -11,6 +11,7 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.runtime import four_digits
 
 if TYPE_CHECKING:
     from mrwarp.model_file import Model
@@ -128,7 +129,7 @@ class Apply(Options):
         _edit(self, line, {}, model, extrapolate=self.extrapolate)
         for effect in model.effects:
             if effect.acts:
-                print(f"acts in the simulator: {effect}")
+                print(four_digits(f"acts in the simulator: {effect}"))
         if note := silent_note(model.effects):
             print(note)
         if not model.holding_measured:

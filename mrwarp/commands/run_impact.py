@@ -14,7 +14,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import drawing, text_table
+from mrwarp.runtime import drawing, four_digits, text_table
 
 if TYPE_CHECKING:
     from mrwarp.rl.policy import OnnxPolicy
@@ -97,7 +97,7 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
             return replace(self, current=currents).run(line)
         shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
         for text in (*device_lines(actuators), *([shown.foreign] if shown.foreign else [])):
-            print(text, flush=True)
+            print(four_digits(text), flush=True)
         sink = None
         if self.live or self.rrd or self.connect or self.serve_web:
             sink = open_sink(rrd=self.rrd, url=self.connect, web=self.serve_web)
@@ -113,7 +113,7 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
             trace = sweep.run()
             couples[name] = figures(trace, sweep.cfg.currents)
             print("\n".join(f"  {text}" for text in _lines(couples[name], None if sweep.foreign else self.kind)))
-            pictures[f"impact_{name}.png"] = partial(robot_pictures.impact_sheet, sweep, trace)
+            pictures[f"impact_{name}.png"] = partial(robot_pictures.impact_sheet, sweep, trace, title=_title(sweep))
             pictures[f"loops_{name}.png"] = partial(robot_pictures.impact_loops, trace, sweep.cfg.currents)
             pictures[f"timeline_{name}.png"] = partial(robot_pictures.impact_timeline, trace, sweep.cfg.currents)
         if view is not None:
@@ -174,6 +174,18 @@ class Impact(opt.ViewOptions, opt.SteppedRobot):
             env=fixed_current_env(holding=self.branches == "both", coupling=coupling, **robot),
         )
         return ImpactSweep(replace(cfg.scaled(scales_of(robot["robot"], self.asset)), **given), policy)
+
+
+def _title(sweep: ImpactSweep) -> str:
+    """The impact, the devices and how they act, in a line."""
+    from mrwarp.trials.impact import ImpactKind
+    from mrwarp.viewing.robot_pictures import device_title
+
+    cfg, robot = sweep.cfg, Path(str(sweep.cfg.env.robot)).name
+    newtons = ", ".join(f"{round(f, 1) + 0.0:g}" for f in cfg.force)
+    pushed = f"push of ({newtons}) N for {cfg.duration:.3g} s on {robot}"
+    impact = pushed if cfg.kind is ImpactKind.PUSH else f"{cfg.mass.mass:.3g} kg fall on {robot}"
+    return f"{impact}{device_title(sweep.env.sim.scene.actuators)}; {cfg.env.coupling.value} coupling"
 
 
 def _draw(pictures: Mapping[str, Callable[..., Any]], out: Path) -> None:

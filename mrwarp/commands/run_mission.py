@@ -14,7 +14,7 @@ from mrwarp.options.command_line import CommandLine
 from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import drawing
+from mrwarp.runtime import drawing, four_digits
 
 TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
 """Options that make a mission the paper's or another."""
@@ -99,7 +99,7 @@ class Mission(EnergyOptions):
             others = ", ".join(f"--{name.replace('_', '-')}" for name in TASK)
             raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
         for text in device_notes(cfg.env, self.current or 0.0):
-            print(text, flush=True)
+            print(four_digits(text), flush=True)
         if unknown:
             print(f"note: the temperature of the devices is left out; not known: {'; '.join(unknown)}", flush=True)
         task = {**self.chosen(*TASK, "feedback"), "seeds": self.trials, "of_paper": of_paper, "current": cfg.current}

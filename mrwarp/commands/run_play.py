@@ -17,7 +17,7 @@ from mrwarp.env.cfg import PlantCfg, TaskCfg
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options, given, parse
 from mrwarp.run_dir import check_output, write_result
-from mrwarp.runtime import drawing, render_offscreen
+from mrwarp.runtime import drawing, four_digits, render_offscreen
 from mrwarp.usd.robot import CURRENT_GROUPS
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ class Play(Options):
         robots = cfg.num_envs if "num_envs" in typed else len(currents)
         env = make_env(replace(cfg, currents=currents), robots, cfg.seed)
         for text in device_lines(env.sim.scene.actuators):
-            print(text, flush=True)
+            print(four_digits(text), flush=True)
         if policy:  # it runs on the CPU
             actor = lambda obs: policy(obs["actor"].cpu()).to(env.device)  # noqa: E731
         else:
@@ -169,7 +169,7 @@ class Play(Options):
 
     def _play(self, line: CommandLine, player: Player, web: WebViewer | None) -> int:
         from mrwarp.viewing.frames import Frames
-        from mrwarp.viewing.robot_pictures import contact_sheet
+        from mrwarp.viewing.robot_pictures import contact_sheet, device_title
 
         cfg, agent = player.env.cfg, self.policy or f"agent {self.agent}"
         print(
@@ -203,7 +203,8 @@ class Play(Options):
                 figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
                 print(f"figures: {write_result(self.out, figures, seed=self.plant.seed, command=str(line))}")
         if self.png and len(player.frames) > 1:
-            where = f"{cfg.robot}, payload {cfg.payload:g} kg, command {self.speed:g} m/s, seed {cfg.seed}"
+            robot = f"{cfg.robot}{device_title(player.env.sim.scene.actuators)}"
+            where = f"{robot}, payload {cfg.payload:g} kg, command {self.speed:g} m/s, seed {cfg.seed}"
             title = f"{Path(agent).name} on {where}{', rough ground' * bool(cfg.terrain)}"
             with drawing(self.png.name):
                 contact_sheet(player.env.sim.scene, Frames.join(player.frames), player.currents, self.png, title=title)

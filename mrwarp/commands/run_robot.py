@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
-from mrwarp.runtime import quiet_libraries, uncollected
+from mrwarp.runtime import four_digits, quiet_libraries, uncollected
 
 ANGLES = Annotated[tuple[tuple[str, float], ...], opt.some(opt.assignment, "JOINT=X")]
 POSITIVE = Annotated[tuple[tuple[str, float], ...], opt.some(partial(opt.assignment, read=opt.positive), "JOINT=X")]
@@ -200,6 +200,7 @@ class FitDevice(Options):
 
         quiet_libraries(gpu=False, networks=False)
         asset = save_checked(layer, self.out or self.robot)
-        print("\n".join([*layout_lines(asset), *device_lines(asset.actuators), *need_lines(robot_scene(asset))]))
+        notes = map(four_digits, (*device_lines(asset.actuators), *need_lines(robot_scene(asset))))
+        print("\n".join([*layout_lines(asset), *notes]))
         print(f"robot written: {self.out or self.robot}")
         return 0

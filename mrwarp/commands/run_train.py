@@ -14,7 +14,7 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options, given, parse
 from mrwarp.rl.train_cfg import TrainCfg
 from mrwarp.run_dir import check_output, claim, one_line
-from mrwarp.runtime import check_device, exit_code
+from mrwarp.runtime import check_device, exit_code, four_digits
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
@@ -94,7 +94,7 @@ class Train(opt.ViewOptions):
         if ranks.main:
             scene = trainer.env.sim.scene
             for text in (*device_lines(scene.actuators), *limited(trainer.env), *need_lines(scene)):
-                print(text, flush=True)
+                print(four_digits(text), flush=True)
             if self.live or self.rrd or self.connect:
                 view = LiveTraining(trainer.env, rrd=self.rrd, url=self.connect)
                 trainer.watchers.append(view.update)

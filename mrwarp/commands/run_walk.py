@@ -16,7 +16,7 @@ from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.options.progress_bar import ProgressBar
 from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import drawing
+from mrwarp.runtime import drawing, four_digits
 
 if TYPE_CHECKING:
     from mrwarp.trials.walking import Policy
@@ -215,7 +215,7 @@ class Walk(EnergyOptions):
             raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
         scene = robot_scene(asset_of(replace(cfg.env, robot="mr_go")))
         for text in (*device_notes(cfg.env, self.current or 0.0), *need_lines(scene)):
-            print(text, flush=True)
+            print(four_digits(text), flush=True)
         cfg = replace(cfg, current=self.used(task_devices(cfg.env)))
         started, progress = time.perf_counter(), ProgressBar()
         try:
@@ -262,7 +262,7 @@ class Walk(EnergyOptions):
         electrical = read_numbers(self.numbers, self.set)["electrical"]
         said = (*device_lines(devices), *limit_note(devices, self.current or 0.0), own_robot.assumption(by))
         for text in (*said, *need_lines(robot_scene(asset_of(task)))):
-            print(text, flush=True)
+            print(four_digits(text), flush=True)
         rows, progress, loads = [], ProgressBar(), self.payload or (0.0,)
         try:
             for k, load in enumerate(loads):

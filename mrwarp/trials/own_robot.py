@@ -18,6 +18,7 @@ from mrwarp.trials.energy_report import walked
 from mrwarp.trials.joint_need import chatter
 from mrwarp.trials.power_meter import MotionMeter, PowerMeter
 from mrwarp.trials.statistics import spread
+from mrwarp.trials.walk_pictures import NOT_WHOLE, shown_cost
 from mrwarp.trials.walking import Policy, lost_lines, make_env, same_starts
 from mrwarp.usd.asset import JointActuator, most_current
 from mrwarp.usd.robot import CURRENT_GROUPS
@@ -200,10 +201,15 @@ def picture(rows: Sequence[dict[str, Any]], path: Path, title: str) -> None:
         own = [r for r in rows if (r["payload"], r["command"]) == (payload, command) and r["trials"]]
         if not own:  # none arrived: no line, and no entry of the legend
             continue
-        mean, sd = ([r["cot"][name] for r in own] for name in ("mean", "sd"))
+        mean, sd, whole = (np.array(column) for column in zip(*map(shown_cost, own), strict=True))
+        current = np.array([r["current"] for r in own])
         label = f"{payload:g} kg, {command:g} m/s"
-        axis.errorbar([r["current"] for r in own], mean, sd, marker="o", capsize=3, label=label)
+        line, *_ = axis.errorbar(current[whole], mean[whole], sd[whole], marker="o", capsize=3, label=label)
+        if not whole.all():
+            style = {"marker": "o", "markerfacecolor": "white", "linestyle": ":"}
+            axis.plot(current[~whole], mean[~whole], color=line.get_color(), label=f"{label}, {NOT_WHOLE}", **style)
     axis.set(xlabel="current the devices may use [A]", ylabel="cost of transport [1]", title=title)
+    axis.margins(y=0.1)
     axis.set_ylim(bottom=0.0)
     axis.legend()
     figure.savefig(path, dpi=110)

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from mrwarp.energy.power import cost_of_transport
 from mrwarp.paper import NAMES, ROBOTS
 from mrwarp.params import GateParams
 from mrwarp.runtime import panels
@@ -26,46 +27,76 @@ PAPER_MARK = {"marker": "D", "markersize": 5, "color": "black", "markerfacecolor
 """A figure of the paper, with its spread where it has one."""
 
 
+NOT_WHOLE = "without the coils' power, which is not known"
+"""Of a cost of transport that is drawn hollow."""
+
+
+def shown_cost(row: Mapping[str, Any]) -> tuple[float, float, bool]:
+    """Mean and spread of a condition's cost of transport, and whether it is whole.
+
+    Where nobody stated the coils' resistance it is that of all other parts, as the least that the walk costs, without
+    a spread. Both are NaN where no trial arrived.
+    """
+    whole = row["cot"]["mean"]
+    if whole is not None and np.isfinite(whole):
+        return whole, row["cot"]["sd"], True
+    if not row["trials"]:
+        return np.nan, np.nan, False
+    known = sum(part for part in row["parts"].values() if part is not None and np.isfinite(part))
+    return float(cost_of_transport(known, row["mass"], row["speed"]["mean"])), np.nan, False
+
+
 def cost(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Cost of transport per condition as bars, the paper's as marks; hatched bars were calibrated (figure 9)."""
+    """Cost of transport per condition as bars, the paper's as marks; hatched bars were calibrated (figure 9).
+
+    A bar without the coils' power is hollow. A robot without a bar has no entry of the legend.
+    """
     cells = list(dict.fromkeys((row["payload"], row["command"]) for row in rows))
     figure, ((axis,),) = panels((9, 4.5), grid="y")
-    width = 0.8 / len(ROBOTS)
+    width, drawn, hollow = 0.8 / len(ROBOTS), [], False
     for row in rows:
         x = cells.index((row["payload"], row["command"])) + (ROBOTS.index(row["robot"]) - 1) * width
-        _bar(axis, x, width, row["robot"], row["cot"], row["calibrated"])
+        mean, sd, whole = shown_cost(row)
+        if np.isfinite(mean):
+            _bar(axis, x, width, row["robot"], (mean, sd), calibrated=row["calibrated"], whole=whole)
+            drawn, hollow = [*drawn, row["robot"]], hollow or not whole
         if row["paper"]:
             axis.errorbar(x + 0.25 * width, row["paper"]["cot"], row["paper"]["sd"], capsize=2, **PAPER_MARK)
     axis.set_xticks(range(len(cells)), [f"{payload:g} kg, {command:g} m/s" for payload, command in cells])
     axis.set_ylabel("cost of transport [1]")
-    robots = list(dict.fromkeys(row["robot"] for row in rows))
     calibrated, theirs = (any(row[name] for row in rows) for name in ("calibrated", "paper"))
-    figure.legend(handles=_bar_legend(robots, calibrated, theirs), loc="outside upper center", ncols=5, fontsize=8)
+    handles = _bar_legend(list(dict.fromkeys(drawn)), calibrated, theirs, hollow)
+    figure.legend(handles=handles, loc="outside upper center", ncols=5, fontsize=8)
     figure.savefig(path, dpi=110)
 
 
-def _bar(axis: Axes, x: float, width: float, robot: str, cell: Mapping[str, float], calibrated: bool) -> None:
-    """A figure of one robot with its spread over the trials; nothing where no trial arrived."""
-    error = {"capsize": 3, "ecolor": "0.25"}
+def _bar(
+    axis: Axes, x: float, width: float, robot: str, figure: tuple[float, float], *, calibrated: bool, whole: bool = True
+) -> None:
+    """A figure of one robot with its spread over the trials."""
+    mean, sd = figure
     axis.bar(
         x,
-        cell["mean"] or 0.0,
-        width,
-        yerr=cell["sd"],
-        color=COLORS[robot],
-        edgecolor="white",
-        error_kw=error,
+        mean,
+        width if whole else 0.96 * width,
+        yerr=sd if np.isfinite(sd) else None,
+        color=COLORS[robot] if whole else "white",
+        edgecolor="white" if whole else COLORS[robot],
+        linewidth=1.0 if whole else 1.5,
+        error_kw={"capsize": 3, "ecolor": "0.25"},
         hatch="//" if calibrated else None,
     )
 
 
-def _bar_legend(robots: Sequence[str], calibrated: bool, theirs: bool) -> list[Patch | Line2D]:
+def _bar_legend(robots: Sequence[str], calibrated: bool, theirs: bool, hollow: bool = False) -> list[Patch | Line2D]:
     """Meaning of the bars' colours, hatches and marks."""
     found: list[Patch | Line2D] = [Patch(color=COLORS[robot], label=NAMES[robot]) for robot in robots]
     if calibrated:
         found.append(Patch(facecolor="white", edgecolor="0.5", hatch="//", label="used to calibrate"))
     if theirs:
         found.append(Line2D([], [], **PAPER_MARK, label="paper"))
+    if hollow:
+        found.append(Patch(facecolor="white", edgecolor="0.3", label=NOT_WHOLE))
     return found
 
 
@@ -162,7 +193,7 @@ def mission_temperature(traces: Mapping[str, MissionTrace], rows: Mapping[str, A
     for k, (robot, row) in enumerate(rows.items()):
         for place, name in enumerate(groups):
             cell, x = row["rise"][name], place + (k - 0.5 * (len(rows) - 1)) * width
-            _bar(right, x, width, robot, cell, cell["calibrated"])
+            _bar(right, x, width, robot, (cell["mean"] or 0.0, cell["sd"] or 0.0), calibrated=cell["calibrated"])
             if cell["paper"] is not None:
                 right.plot(x + 0.25 * width, cell["paper"], **PAPER_MARK)
             cells.append(cell)

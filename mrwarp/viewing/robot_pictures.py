@@ -29,6 +29,7 @@ from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, Color, Part, Shap
 
 if TYPE_CHECKING:
     from mrwarp.trials.impact import ImpactSweep, ImpactTrace
+    from mrwarp.usd.asset import JointActuator
 
 INSTANTS = 5
 """Instants in a row."""
@@ -189,6 +190,17 @@ def _left_of(start: list[float], end: list[float], x: float, y: float) -> float:
     return (end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0])
 
 
+def device_title(actuators: Sequence[JointActuator]) -> str:
+    """Devices of a model in a title, as " with lab, which holds 3.2 N·m at 1.5 A"; empty where there are none."""
+    found = dict.fromkeys(
+        f"{Path(a.model.fitted_on.source).name}, which holds {a.mr.hold.yield_torque(a.mr.coil.current_max):.3g} N·m "
+        f"at {a.mr.coil.current_max:.3g} A"
+        for a in actuators
+        if a.mr is not None and a.model is not None
+    )
+    return f" with {'; '.join(found)}" if found else ""
+
+
 def contact_sheet(
     scene: Scene, frames: Frames, currents: Sequence[float], path: Path, *, title: str = "", seconds: float = 2.0
 ) -> None:
@@ -259,7 +271,7 @@ def contact_sheet(
         image.save(partial, format="PNG", optimize=True)
 
 
-def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path) -> None:
+def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path, *, title: str = "") -> None:
     """The first trial per current at instants after the impact, and height and speed of all currents below."""
     currents = sweep.cfg.currents
     scene, devices = sweep.env.sim.scene, sweep.env.actuator.mr_joints
@@ -275,7 +287,7 @@ def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path) -> None:
         upward = trace.f_foot[row, 0, ..., None] * np.array([0.0, 0.0, 1.0])
         poses = [(trace.qpos[row, k], gates[k], upward[k]) for k in instants]
         notes = [
-            f"{1e3 * instant:.0f} ms\nz = {trace.height[row, 0, k]:.3f} m"
+            f"{1e3 * instant:.0f} ms, z = {trace.height[row, 0, k]:.3f} m"
             for instant, k in zip(AFTER_IMPACT, instants, strict=True)
         ]
         _draw_row(figure.add_subplot(grid[row, :]), side, poses, f"{current:g} A", notes)
@@ -290,7 +302,8 @@ def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path) -> None:
         axis.set(xlabel="time after onset [s]", ylabel=label)
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8, title="mean, SD over trials", title_fontsize=8)
-    figure.suptitle("First trial of every current; foot forces as arrows, links coloured by gate", fontsize=11)
+    colors = "first trial of every current; orange damps, blue holds; arrows are foot forces"
+    figure.suptitle("\n".join(filter(None, (title, colors))), fontsize=11)
     figure.savefig(path, dpi=100)
 
 
@@ -361,14 +374,14 @@ def _draw_times(axis: Axes, times: np.ndarray) -> None:
 
 
 def _draw_row(axis: Axes, side: SideView, poses: Sequence[Pose], label: str, notes: Sequence[str] = ()) -> None:
-    """One robot at the instants, from left to right, with a note next to each."""
+    """One robot at the instants, from left to right, with a note above each, where no other robot's head comes."""
     unit = side.unit
     for place, (qpos, gate, force) in enumerate(poses):
         side.draw(axis, qpos, gate, force, x=unit * PITCH * (place + 0.5))
     for place, note in enumerate(notes):
-        axis.text(unit * (PITCH * (place + 0.5) + 0.22), 0.44 * unit, note, fontsize=8, va="top")
+        axis.text(unit * PITCH * (place + 0.5), 0.44 * unit, note, fontsize=8, ha="center", va="center")
     axis.text(-0.28 * unit, 0.2 * unit, label, va="center", fontsize=11, fontweight="bold")
-    _frame_row(axis, 0.48, unit)
+    _frame_row(axis, 0.5, unit)
 
 
 def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool, legs: dict[str, Color], joint: str) -> None:
