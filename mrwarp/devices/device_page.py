@@ -89,14 +89,15 @@ def _page_of(device: Device) -> str:
         for fact, text in facts(device)
         if fact not in _NOT_ON_A_PAGE
     ]
-    parts += [f"* **numbers**: `mrwarp device show {name}`, [model.json](../../models/devices/{name}/model.json)", ""]
+    parts += [f"* **numbers**: [model.json](../../models/devices/{name}/model.json)", ""]
     return "\n".join(parts)
 
 
 def _safe(text: str, name: str) -> str:
-    """A fact as Markdown: commands as code, addresses as links."""
+    """A fact as Markdown: addresses as links, commands as code without the last one, which every entry needs."""
     if name == "made by":
-        return ", ".join(f"`{command}`" for command in text.split("; "))
+        commands = text.split("; ")
+        return ", ".join(f"`{command}`" for command in commands[:-1] or commands)
     return re.sub(r"(https?://[^\s;]+)", r"<\1>", text)
 
 
