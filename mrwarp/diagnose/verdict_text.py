@@ -141,9 +141,13 @@ def readable(
     half = 0.5 * (high - low) * factor
     text = f"{digits(value.value * factor, half)} {name}".strip()
     interval = f"{digits(low * factor, half)} to {digits(high * factor, half)} {name}".strip() if low < high else ""
-    if value.unit in _INVERSE and value.value > 0.0:
-        text += f" ({rounded(1.0 / value.value, 3)} {_INVERSE[value.unit]})"
-    return Readable(text, interval)
+    return Readable(text + spring_constant(value), interval)
+
+
+def spring_constant(value: Value) -> str:
+    """The spring constant next to a compliance, as " (250 N·m/rad)"; empty next to anything else."""
+    known = value.unit in _INVERSE and value.value > 0.0
+    return f" ({rounded(1.0 / value.value, 3)} {_INVERSE[value.unit]})" if known else ""
 
 
 def is_gain(parameter: EffectParameter | None) -> bool:

@@ -277,7 +277,7 @@ def _detectable(name: str, value: Value, largest: Mapping[str, float]) -> tuple[
         size = abs(value.value - 1.0) if value.value > 0.5 else abs(value.value)  # as a factor, or as its change
         return capital(text.title(name)), percent(size, 2)
     factor, unit = text.shared_scale(value.value, value.unit, largest)
-    size = f"{text.rounded(value.value * factor, 2)} {unit}".strip()
+    size = f"{text.rounded(value.value * factor, 2)} {unit}".strip() + text.spring_constant(value)
     return capital(text.title(name)), size
 
 

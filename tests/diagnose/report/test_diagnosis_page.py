@@ -153,8 +153,11 @@ def test_no_number_of_the_page_has_a_power_of_ten_for_its_size() -> None:
     large = Value(value=0.01504, ci95=(0.01504, 0.01504), unit="kg·m²")
     stiff = Value(value=40120.0, ci95=(-math.inf, math.inf), unit="N·m/rad")
     cause = Cause(name="series_compliance", parameters={"x": stiff}, p_value=1e-9, alternatives=(), gain=0.3)
-    changed = dataclasses.replace(made_up.make(), detectable={"rotor_inertia": large}, causes=(cause,))
+    soft = Value(value=0.00029, ci95=(0.00029, 0.00029), unit="rad/(N·m)")
+    sizes = {"rotor_inertia": large, "series_compliance": soft}
+    changed = dataclasses.replace(made_up.make(), detectable=sizes, causes=(cause,))
     page = render(changed, "c", pictures={})
+    assert "0.00029 rad/(N·m) (3450 N·m/rad)" in page
     assert "150 kg·cm²" in page and "40120 N·m/rad" in page and "e+0" not in page
 
 
