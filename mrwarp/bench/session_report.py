@@ -120,9 +120,10 @@ def draw(data: BenchData, cfg: BenchCfg, path: Path) -> None:
     start = max(int(middle[0]) - 100, 0) if len(middle) else 0
     part = slice(start, start + 400)
     axis = axes[1, 0]
-    axis.plot(run.t[part], run.torque[part], linewidth=1.0, label="bench")
-    axis.plot(run.t[part], plain[part], linewidth=1.0, label="eq. 14")
-    axis.plot(run.t[part], run.current[part], linewidth=0.8, color="0.5", label="current command [A]")
+    time = run.t[part] - run.t[start]  # of a session the stamps have too many digits for an axis
+    axis.plot(time, run.torque[part], linewidth=1.0, label="bench")
+    axis.plot(time, plain[part], linewidth=1.0, label="eq. 14")
+    axis.plot(time, run.current[part], linewidth=0.8, color="0.5", label="current command [A]")
     axis.set(xlabel="time [s]", ylabel="torque [N·m]", title=f"{run.id}: the current is switched")
     axis.legend()
 

@@ -196,7 +196,7 @@ def judged_by_evidence(
     settings = models.problem.settings
     found = searched_by_evidence(plant, settings.odds, settings.gain, begin=selection.final)
     if found.suspects:
-        log(f"likelier without a name: {', '.join(found.suspects)}")
+        log(f"causes dropped: {', '.join(found.suspects)}")
     if found.model is not selection.final:
         selection = replace(selection, final=found.model, leftovers=[])
     return _judged(plant, found, selection)
@@ -263,7 +263,7 @@ def _rejections(plant: JointPlant, found: Found[Fit, str]) -> tuple[Rejection, .
     out = []
     for effect, model in found.suspects.items():
         gain = (plant.models.without(model, effect).total - model.total) / plant.base.total
-        reason = "what has no name is likelier next to it than it is: this may be a part of that"
+        reason = "a mismatch without a name is likelier in its place: it may be a part of that"
         out.append(Rejection(effect=effect, reason=reason, gain=max(gain, 0.0), fit=plant.models.reported(model)))
     entered = sorted((x for x in out if x.effect in found.entered), key=lambda x: -x.gain)
     return tuple(x for x in out if x not in entered[1:])

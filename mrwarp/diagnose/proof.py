@@ -132,7 +132,7 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
         if gain < problem.settings.gain.part * account.competing:
             times = account.competing / max(gain, 1e-9)
             much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
-            reason = f"what comes again without a name is {much}: this may be a part of it"
+            reason = f"the mismatch that repeats without a name is {much}: it may be a part of that"
             rejections.append(Rejection(effect=effect, reason=reason, gain=max(gain, 0.0), fit=fit))
     return _without(models, selection, [x.effect for x in rejections]), tuple(rejections)
 
