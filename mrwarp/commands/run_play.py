@@ -280,7 +280,7 @@ def _report(figures: dict[str, Any], wall: float) -> None:
     print(f"simulated {simulated:g} s in {wall:.1f} s ({simulated / wall:.1f} times real time)")
     print("current [A]   v_x RMSE [m/s]")
     for current, rmse in figures["v_x_rmse_by_current"].items():
-        print(f"{current:>11s}   {rmse:14.3f}")
+        print(f"{float(current):11.4g}   {rmse:14.3f}")
     print(
         f"trunk height {figures['height']:.3f} m, stride {figures['stride_frequency']:.2f} Hz, contacts on the clock "
         f"{figures['clock_match']:.0%}, brakes hold {figures['hold_share']:.0%} and damp "

@@ -235,7 +235,7 @@ def picture(scene: Scene, trace: ArmTrace, currents: Sequence[float], path: Path
     for k, (name, (angle, torque)) in enumerate(zip(scene.joints, axes, strict=True)):
         angle.plot(trace.t, trace.q_des[:, k], color="0.4", linestyle="--", label="target")
         for i, current in enumerate(currents):
-            angle.plot(trace.t, trace.q[i, :, k], label=f"{current:g} A")
+            angle.plot(trace.t, trace.q[i, :, k], label=f"{current:.4g} A")
             torque.plot(trace.t, trace.tau_motor[i, :, k])
         angle.set_ylabel(f"{name} [rad]")
         torque.set_ylabel("motor torque [N·m]")

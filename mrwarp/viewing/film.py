@@ -189,9 +189,9 @@ def _labelled(image: Image.Image, currents: Sequence[float]) -> Image.Image:
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(15)
     order = "nearest" if len(currents) > 1 else ""
     text = (
-        f"coil current, {order} first: " + ", ".join(f"{c:g}" for c in currents) + " A"
+        f"coil current, {order} first: " + ", ".join(f"{c:.4g}" for c in currents) + " A"
         if order
-        else f"{currents[0]:g} A"
+        else f"{currents[0]:.4g} A"
     )
     draw.text((12, 10), text, font=font, fill=(40, 44, 50))
     x = 12

@@ -224,7 +224,7 @@ def contact_sheet(
     side = SideView(scene)
     for robot, current in enumerate(currents):
         poses = [(frames.qpos[i, robot], frames.gate[i, robot], frames.foot_force[i, robot]) for i in instants]
-        _draw_row(figure.add_subplot(grid[robot + 1, :]), side, poses, f"{current:g} A")
+        _draw_row(figure.add_subplot(grid[robot + 1, :]), side, poses, f"{current:.4g} A")
     legs = dict(zip(scene.layout.leg_names, shapes.leg_colors(scene), strict=True))
     _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device, legs, watched_name(scene))
     axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
@@ -290,14 +290,14 @@ def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path, *, title: s
             f"{1e3 * instant:.0f} ms, z = {trace.height[row, 0, k]:.3f} m"
             for instant, k in zip(AFTER_IMPACT, instants, strict=True)
         ]
-        _draw_row(figure.add_subplot(grid[row, :]), side, poses, f"{current:g} A", notes)
+        _draw_row(figure.add_subplot(grid[row, :]), side, poses, f"{current:.4g} A", notes)
     series = {"trunk height [m]": trace.height, "vertical velocity [m/s]": trace.velocity}
     for column, (label, values) in enumerate(series.items()):
         axis = figure.add_subplot(grid[-1, column])
         for row, current in enumerate(currents):
             mean, sd = values[row].mean(axis=0), values[row].std(axis=0)
             color = COLORS[row % len(COLORS)]
-            axis.plot(trace.t, mean, color=color, label=f"{current:g} A")
+            axis.plot(trace.t, mean, color=color, label=f"{current:.4g} A")
             axis.fill_between(trace.t, mean - sd, mean + sd, color=color, alpha=0.12, linewidth=0)
         axis.set(xlabel="time after onset [s]", ylabel=label)
         axis.grid(alpha=0.3)
@@ -313,7 +313,7 @@ def impact_loops(trace: ImpactTrace, currents: tuple[float, ...], path: Path) ->
     for row, current in enumerate(currents):
         color = COLORS[row % len(COLORS)]
         for axis, values in zip(axes, (trace.qd[row], trace.q[row]), strict=True):
-            style = {"color": color, "markersize": 2, "alpha": 0.35, "label": f"{current:g} A"}
+            style = {"color": color, "markersize": 2, "alpha": 0.35, "label": f"{current:.4g} A"}
             axis.plot(values.ravel(), trace.tau_mr[row].ravel(), ".", **style)
     axes[0].set(xlabel="joint velocity [rad/s]", ylabel="torque of the MR device [N·m]")
     axes[1].set(xlabel="joint angle [rad]")
@@ -342,7 +342,7 @@ def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path)
         axis.set(
             yticks=range(len(trace.legs)),
             yticklabels=trace.legs,
-            ylabel=f"{current:g} A",
+            ylabel=f"{current:.4g} A",
             ylim=(-0.6, len(trace.legs) - 0.4),
         )
     axes[-1].set_xlabel("time after onset [s]")
@@ -392,7 +392,7 @@ def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool, legs: 
         robot = [Patch(facecolor=_rgb(GATE_COLORS[gate]), label=f"{joint}: {text}") for gate, text in names.items()]
     robot.append(Line2D([], [], color=FORCE_COLOR, marker="^", markersize=4, label="foot force"))
     lines = [Line2D([], [], color="0.4", linestyle="--", linewidth=1, label="command")]
-    lines += [Line2D([], [], color=_current_color(k), label=f"{current:g} A") for k, current in enumerate(currents)]
+    lines += [Line2D([], [], color=_current_color(k), label=f"{current:.4g} A") for k, current in enumerate(currents)]
     lines += [Line2D([], [], color=_rgb(color), label=name) for name, color in legs.items()]
     style = {"fontsize": 8, "frameon": False, "borderpad": 0.0, "borderaxespad": 0.0, "handlelength": 1.6}
     axis.add_artist(axis.legend(handles=robot, loc="upper center", ncols=len(robot), **style))

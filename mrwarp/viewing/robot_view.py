@@ -173,10 +173,10 @@ class RobotLogger:
             log(f"{root}/foot_force", rr.Arrows3D.from_fields(colors=[ARROW_COLOR], radii=[0.007]), static=True)
             if self._trunk in self._bodies:
                 label = rr.Points3D(
-                    [[0.0, 0.0, 0.16]], radii=0.0, labels=f"{current:g} A", show_labels=True, colors=[LABEL_COLOR]
+                    [[0.0, 0.0, 0.16]], radii=0.0, labels=f"{current:.4g} A", show_labels=True, colors=[LABEL_COLOR]
                 )
                 log(f"{root}/body/{self._trunk}/label", label, static=True)
-            self._log_series_style(root, f"{current:g} A", CURRENT_COLORS[k % len(CURRENT_COLORS)])
+            self._log_series_style(root, f"{current:.4g} A", CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
     def _log_series_style(self, root: str, label: str, color: Color) -> None:
         lines: dict[str, dict[str, Color]] = {

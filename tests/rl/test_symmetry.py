@@ -9,7 +9,6 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import TaskCfg
-from mrwarp.resources import POLICIES
 from mrwarp.rl import trainer as trainer_module
 from mrwarp.rl.mirror import SignedPermutation, mirror_of
 from mrwarp.rl.policy import OnnxPolicy
@@ -22,9 +21,6 @@ from tests.rl.test_mirror import image
 UNITS = 128
 """Terms of the longest sum in a layer: two sums of n terms in another order differ by up to n machine epsilons of the
 largest term."""
-
-ASYMMETRIC = POLICIES / "mr_go_rough.onnx"
-"""A shipped policy that was trained without symmetry."""
 
 
 def outputs(model: MLPModel, inputs: torch.Tensor) -> torch.Tensor:
@@ -107,8 +103,11 @@ def test_a_robot_without_a_mirror_is_trained_without_and_says_so(
 def test_an_asymmetric_policy_is_not_averaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A training that begins with one keeps its actor and says why; one that begins with a symmetric one stays so."""
     cfg = TrainCfg(task=TaskCfg(num_envs=8), run=RunCfg(out=tmp_path / "on", iterations=1))
-    old = OnnxPolicy(ASYMMETRIC)
-    run = Trainer(cfg, start_from=ASYMMETRIC)
+    make_trainer(tmp_path / "off", symmetry=False).run()
+    asymmetric = tmp_path / "off" / "policy.onnx"
+    old = OnnxPolicy(asymmetric)
+    capsys.readouterr()
+    run = Trainer(cfg, start_from=asymmetric)
     assert "without left-right symmetry (the policy that it begins with has none)" in capsys.readouterr().out
     seen = run.env.get_observations()["actor"]
     assert torch.allclose(outputs(run.algorithm.actor, seen), old(seen), atol=1e-4)

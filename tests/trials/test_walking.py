@@ -11,8 +11,9 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import TaskCfg
-from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.resources import DEFAULT_POLICY, POLICIES
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.task_record import task_of
 from mrwarp.trials.walking import GateCheck, WalkingGate, make_env, measure, stride_frequency
 
 DT = 0.02
@@ -31,6 +32,15 @@ def trotting_policy(obs: TensorDict) -> torch.Tensor:
     action = torch.zeros(len(sin), 12)
     action[:, 1::3], action[:, 2::3] = 2.0 * bend, -4.0 * bend
     return action
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["mr_go_walk", "mr_go_rough"])
+def test_shipped_policies_keep_the_rules_of_a_good_gait(name: str) -> None:
+    """On flat ground, with the step and the devices of their training."""
+    policy = OnnxPolicy(POLICIES / f"{name}.onnx")
+    result = GateCheck(replace(task_of(policy.description["task"]), terrain=None))(lambda obs: policy(obs["actor"]))
+    assert result["passed"] and result["rules_not_kept"] == []
 
 
 @pytest.mark.gpu
