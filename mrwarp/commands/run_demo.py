@@ -51,9 +51,11 @@ class Demo(Options):
         loops_picture(recording, fitted, None, loop)
         left = f"{100 * fitted.nrmse:.1f} %"
         print(f"eq. 14 leaves {left} of the joint's torque unexplained; 'mrwarp diagnose joint' looks for the causes")
+        here = Path.cwd()
+        policy = DEFAULT_POLICY.relative_to(here) if DEFAULT_POLICY.is_relative_to(here) else DEFAULT_POLICY
         print(
             f"\n{walk}: robots that walk on brakes\n{loop}: a joint's loops next to its recording\n"
-            f"({progress.seconds:.0f} s) Next: mrwarp play --policy {DEFAULT_POLICY.name} opens a viewer, "
+            f"({progress.seconds:.0f} s) Next: mrwarp play --policy {policy} opens a viewer, "
             "mrwarp device list shows real devices, mrwarp --help the rest"
         )
         return 0

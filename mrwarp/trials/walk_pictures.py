@@ -167,11 +167,15 @@ def distributions(results: Sequence[WalkResult], path: Path) -> None:
 
 
 def mission_power(traces: Mapping[str, MissionTrace], path: Path) -> None:
-    """Battery power and state of charge over the mission, from a full battery."""
+    """Battery power and state of charge over the mission, from a full battery, as far as they are known."""
     figure, ((upper,), (lower,)) = panels((9, 5.5), 2, 1, sharex=True)
     for robot, trace in traces.items():
-        upper.step(trace.t, trace.power_over_time, where="pre", color=COLORS[robot], label=NAMES[robot])
+        known = np.isfinite(trace.power_over_time)
+        label = NAMES[robot] + ("" if known.all() else ", gaps: not known")
+        upper.step(trace.t, trace.power_over_time, where="pre", color=COLORS[robot], label=label if known.any() else "")
         lower.plot(trace.t, 100.0 - trace.charge, color=COLORS[robot])
+    if without := [NAMES[r] for r, trace in traces.items() if not np.isfinite(trace.power_over_time).any()]:
+        upper.set_title(f"not drawn: {', '.join(without)}, power not known", fontsize=9)
     upper.set(ylabel="battery power [W]", ylim=(0.0, None))
     lower.set(xlabel="time [s]", ylabel="state of charge [%]")
     figure.legend(loc="outside upper center", ncols=len(traces), fontsize=8)

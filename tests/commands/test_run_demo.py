@@ -24,6 +24,7 @@ def test_it_ends_with_two_pictures_and_says_where_they_are(
     said = printed.out
     assert "warning" not in said + printed.err
     assert "runs/demo/walk.png" in said and "runs/demo/loop.png" in said
+    assert Path(said.split("--policy ")[1].split()[0]).is_file()  # the next command that it names works from here
 
 
 def test_without_robots_it_names_the_extra(

@@ -2,6 +2,7 @@
 
 from math import nan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -67,3 +68,18 @@ def test_a_robot_of_ones_own_has_points_at_every_current(tmp_path: Path, monkeyp
     texts = [text.get_text() for text in axis.get_legend().get_texts()]
     assert sorted(texts) == ["0 kg, 0.3 m/s", f"0 kg, 0.3 m/s, {NOT_WHOLE}"]
     assert axis.get_xlim()[1] > 1.5 and axis.get_ylim()[1] > 4.7
+
+
+def test_a_mission_of_unknown_power_is_named_and_not_in_the_legend(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where nobody stated the coils; a power that is known at times has gaps."""
+    drawn = legends(monkeypatch, walk_pictures)
+    t, power = np.arange(3.0), {"go1": [1.0, 2.0, 3.0], "mr_go": [1.0, nan, 3.0], "mr_go_sal": [nan, nan, nan]}
+    traces: Any = {
+        robot: SimpleNamespace(t=t, power_over_time=np.array(x), charge=np.array(x)) for robot, x in power.items()
+    }
+    walk_pictures.mission_power(traces, tmp_path / "power.png")
+    figure, ((upper,), _) = drawn[0]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["Go1", "MR_Go, gaps: not known"]
+    assert upper.get_title() == "not drawn: MR_Go-SAL, power not known"
