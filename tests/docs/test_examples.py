@@ -48,7 +48,6 @@ NOT_RUN = {
     "mrwarp reproduce table6": "minutes; tests/paper/reproduce/test_headlines.py",
     "mrwarp reproduce fig4 --train": "hours; tests/paper/reproduce/test_fig4.py",
     "mrwarp reproduce table4": "minutes; tests/paper/reproduce/test_headlines.py",
-    "mrwarp reproduce docs": "writes into a checkout; tests/paper/reproduce/test_pages.py",
     "mrwarp monitor": "reads records of others; tests/identify/test_monitor.py",
     "git clone": "needs a network",
     "mrwarp robot": "reads a robot of others; tests/robots",
