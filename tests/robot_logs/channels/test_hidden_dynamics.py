@@ -1,19 +1,22 @@
 """Elastic drives and a base that gives way are found by the torque that rigid bodies leave; in healthy arms none."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from mrwarp.robot_logs.causes.of_hidden import DAMPING
 from mrwarp.robot_logs.causes.parameter import parameters_of
-from mrwarp.robot_logs.channels.hidden_dynamics import behind, by_chance, with_oscillator
+from mrwarp.robot_logs.channels.hidden_dynamics import answered, behind, by_chance, with_oscillator
+from mrwarp.robot_logs.channels.joint_torque import torques_along
 from mrwarp.robot_logs.replay_model import Hidden, replay_model
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.unexplained import unconfirmed
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
-from tests.robot_logs.arm_log import drawn_arm, heavy_arm
+from tests.robot_logs.arm_log import arm_log, drawn_arm, heavy_arm
 
 
 def found(folder: Path, *hide: str, seed: int = 3) -> Hidden | None:
@@ -60,6 +63,38 @@ def test_what_chance_explains_is_rarely_more_than_its_limit(width: int) -> None:
         beyond += int((x @ y) ** 2 / ((x @ x) * (y @ y)) > by_chance(x, y, 1, 0.1))
     assert 10 <= beyond <= 50
     assert by_chance(x, y, 100, 0.1) > 2.0 * by_chance(x, y, 1, 0.1)
+
+
+def test_the_described_robot_answers_targets_as_the_healthy_one_did(tmp_path: Path) -> None:
+    """Of plain MuJoCo, with readings of 0.2 mrad; no speeds are left, which have another noise."""
+    log = load_log(arm_log(tmp_path, seconds=3.0))
+    model, run = replay_model(tmp_path / "arm.xml", log), log.runs[0]
+    own = answered(model, log, run, torques_along(model, log, run, 0.03))
+    assert np.abs(own.joint["q"] - run.joint["q"]).max() < 0.005 and "qd" not in own.joint
+
+
+def test_noise_of_encoders_hides_no_motion(tmp_path: Path) -> None:
+    """It is in the oscillator's torque and in the torque that is left, and no answer to the targets."""
+    inner = '<body pos="0.25 0 0"><joint name="z" type="slide"/><geom size="0.04" mass="1.3"/></body>'
+    for name, length, mass in (("b", 0.25, 2.5), ("a", 0.3, 4.0)):
+        rod = f'<geom type="capsule" size="0.045" fromto="0 0 0 {length} 0 0" mass="{mass}"/>'
+        inner = f'<body pos="{"0.3 0 0" if name == "b" else "0 0 0.4"}"><joint name="{name}"/>{rod}{inner}</body>'
+    (tmp_path / "robot.xml").write_text(f"<mujoco><worldbody>{inner}</worldbody></mujoco>")
+    robot, t, kp, kd = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")), 0.004 * np.arange(2000), 400.0, 12.0
+    data, rng, w, tau = mujoco.MjData(robot), np.random.default_rng(0), np.array([1.3, 1.7, 2.1]), np.zeros((2000, 3))
+    parts = [(size * np.array([0.9, 0.9, 0.06]), times * w) for size, times in ((1.0, 1.0), (0.12, 4.0))]
+    motion = [np.sum([s * v**k * np.sin(np.outer(t, v) + 0.5 * k * np.pi) for s, v in parts], 0) for k in range(3)]
+    for k, row in enumerate(np.stack(motion, axis=1)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = row
+        mujoco.mj_inverse(robot, data)
+        tau[k] = data.qfrc_inverse
+    read = [x + rng.normal(0.0, noise, x.shape) for x, noise in zip(motion, (2e-4, 0.02), strict=False)]
+    names = ",".join(["t", *(f"{channel}.{x}" for channel in ("q", "qd", "q_des") for x in "abz")])
+    rows = np.column_stack([t, *read, motion[0] + (tau + kd * motion[1]) / kp])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=names, comments="")
+    (tmp_path / "log.json").write_text(json.dumps({"robot": "robot.xml", "base": "fixed", "kp": kp, "kd": kd}))
+    log = load_log(tmp_path)
+    assert with_oscillator(replay_model(tmp_path / "robot.xml", log), log).hidden is None
 
 
 @pytest.mark.parametrize(("left", "reported"), [(1.0, True), (0.5, True), (0.01, False)])
