@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from mrwarp.robot_logs.causes.of_channels import EXPLAINED, SMOOTHED, STANDSTILL, UNLIKE
@@ -24,6 +23,7 @@ from mrwarp.robot_logs.causes.places import torque_scale, turns
 from mrwarp.robot_logs.channels.joint_torque import JointTorques, gain_along, gravity_along, torques_along
 from mrwarp.robot_logs.replay_model import LONGEST_DELAY, ReplayModel
 from mrwarp.robot_logs.robot_log import MIN_SAMPLES, UNITS, LogError, LogRun, RobotLog, reads_torque
+from mrwarp.sysid.least_squares import minimum_within
 
 
 class Rests(NamedTuple):
@@ -108,9 +108,10 @@ def _pushed(model: ReplayModel, log: RobotLog, along: Sequence[JointTorques], j:
     if not np.isfinite(read).all():
         return False
     needs = np.stack([of("gravity"), of("inertial"), of("rubbed"), qd, q, np.ones(len(q))], axis=1)
-    most = [UNLIKE, UNLIKE, np.inf, np.inf, np.inf, np.inf]
-    fit = lsq_linear(needs, asked, (np.array([0.0, 0.0, 0.0, 0.0, 0.0, -np.inf]), most))
-    left = float((fit.fun**2).mean())
+    low, most = np.append(np.zeros(5), -np.inf), np.append([UNLIKE, UNLIKE], np.full(4, np.inf))
+    # the weight on a vertical slide is a constant, too, so that its share is not known
+    fit, _ = minimum_within(needs.T @ needs, needs.T @ asked, low, most)
+    left = float(((asked - needs @ fit) ** 2).mean())
     gain, scale = model.settings.gain, torque_scale(model, log, j)
     large = left > max(gain.half * float(asked.var()), (gain.detail * scale) ** 2)
     return large and float(((read - asked) ** 2).mean()) < (1.0 - EXPLAINED) * left

@@ -172,6 +172,24 @@ def test_dry_friction_of_a_slide_is_no_hand(tmp_path: Path) -> None:
     assert units["kp"] == "N/m" and units["torque_lag"] == "s"
 
 
+@pytest.mark.parametrize("seed", [2, 3, 5])
+def test_the_constant_weight_on_a_slide_is_no_hand(seed: int, tmp_path: Path) -> None:
+    """It looks like an offset: how much of the torque is which is not known, and that it is one of them is."""
+    slide = '<body><joint name="z" type="slide" armature="3"/><geom size="0.05" mass="1.3"/></body>'
+    (tmp_path / "robot.xml").write_text(f"<mujoco><worldbody>{slide}</worldbody></mujoco>")
+    t, rng = 0.01 * np.arange(600), np.random.default_rng(seed)
+    waves = ((0.06, 2.1), (0.01, 9.0))
+    q, qd, qdd = (np.sum([s * w**k * np.sin(w * t + 0.5 * np.pi * k) for s, w in waves], axis=0) for k in range(3))
+    tau = 4.3 * qdd + 1.3 * 9.81 + 20.0 * qd + 5.0 * np.tanh(qd / 0.003)
+    q_des, read = q + (tau + 300.0 * qd) / 12000.0, [q + rng.normal(0.0, 2e-4, 600), qd + rng.normal(0.0, 0.02, 600)]
+    rows = np.column_stack([t, *read, q_des, tau])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="t,q.z,qd.z,q_des.z,tau.z", comments="")
+    header = {"robot": "robot.xml", "base": "fixed", "kp": 12000.0, "kd": 300.0, "tau_is": "measured"}
+    (tmp_path / "log.json").write_text(json.dumps(header))
+    log = load_log(tmp_path)
+    assert check_commands(replay_model(tmp_path / "robot.xml", log), log) is log
+
+
 def test_a_torque_that_targets_do_not_ask_for_is_no_hand(tmp_path: Path) -> None:
     """Targets that stand still in a log whose torque is that of the links: they are no command."""
     model, log = arm(tmp_path, tau="measured")
