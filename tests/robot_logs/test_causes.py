@@ -110,3 +110,10 @@ def test_words_of_a_verdict() -> None:
         assert not re.search("_", cause.title)
         if cause.says is not None:
             assert cause.says(0.25, "x") != cause.says(-0.75, "y")
+
+
+@pytest.mark.parametrize(("delay", "said"), [(0.003, "that is how the log was written"), (0.006, "more than 4.5 ms")])
+def test_a_delay_is_the_logs_own_up_to_what_is_usual(delay: float, said: str) -> None:
+    """One beyond it is no matter of how rows were written, proven or not."""
+    remark = CATALOGUE["command_delay"].remark
+    assert remark is not None and said in remark(delay, (0.0, 0.0045))

@@ -39,8 +39,10 @@ CAUSES = (
         shown=Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
         says=lambda value, _: f"commands act {1e3 * value:.1f} ms late",
         remark=lambda value, usual: (
-            f"commands act {1e3 * abs(value):.1f} ms {'after' if value > 0.0 else 'before'} their row: up to "
-            f"{1e3 * usual[1]:.1f} ms, a row and a controller's own delay, that is how the log was written"
+            f"commands act {1e3 * abs(value):.1f} ms {'after' if value > 0.0 else 'before'} their row: "
+            + ("more than" if abs(value) > usual[1] else "up to")
+            + f" {1e3 * usual[1]:.1f} ms, a row and a controller's own delay, "
+            + ("is not how a log is written" if abs(value) > usual[1] else "that is how the log was written")
         ),
     ),
     Cause(
