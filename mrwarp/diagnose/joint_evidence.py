@@ -121,7 +121,10 @@ class JointPlant:
         return f"{'/'.join(group.variables)} {group.form}"
 
     def _forms(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """Errors that the laws of a model's effects may have: size by motion and current, and parts of a sample."""
+        """Errors that the laws of a model's effects may have: size by motion and current, and parts of a sample.
+
+        None changes an effect's size as a whole, so that what does not vary, as a current that is 0, has no error.
+        """
         m, r, odds = self.problem.motion, self.problem.motion.ranges, self.problem.settings.odds
         speed = np.clip(m.qd / (1.5 * r.qd), -1.5, 1.5)
         place = 2.0 * (m.q - 0.5 * (m.q.max() + m.q.min())) / r.q
@@ -134,9 +137,10 @@ class JointPlant:
             others = [k for k, i in enumerate(fit.free) if i not in fit.parameters.own(effect)]
             taken_back = ridge_solve(gram[np.ix_(others, others)], slopes[others] @ bears, 1e-9) @ slopes[others]
             bears *= min(1.0, rms(bears - taken_back) / max(rms(bears), 1e-12))
+            about = along - (along @ bears**2 / max(float(bears @ bears), 1e-300))[:, None]
             later = np.diff(bears, prepend=bears[:1])
             later[m.start[:-1]] = 0.0
-            rows += [along * bears, later[None]]
+            rows += [about * bears, later[None]]
             sizes += [odds.form**2] * len(along) + [_SHIFT**2]
         return np.vstack(rows).astype(np.float32), np.array(sizes)
 

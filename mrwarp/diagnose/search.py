@@ -305,12 +305,13 @@ def _worth(models: Models, fit: Fit) -> bool:
 def _needed(models: Models, fit: Fit, effect: str) -> float:
     """Least gain of an effect on top of others: a law in a wrong form leaves a part of its gain for others to take up.
 
-    The part is measured by the model's gain, or by all that it leaves if that is less. What drifts over the session is
-    nobody else's wrong form.
+    The part is measured by the model's gain, or by all that it leaves above the noise if that is less; next to a large
+    misfit the noise is not known. What drifts over the session is nobody else's wrong form.
     """
     settings = models.problem.settings.search
     part = settings.added_slowly if drifts(effect) else settings.added
-    return max(threshold(models.problem, fit), part * min(models.base.total - fit.total, fit.total))
+    left = fit.total if models.problem.misfit else max(fit.total - fit.equations.count, 0.0)
+    return max(threshold(models.problem, fit), part * min(models.base.total - fit.total, left))
 
 
 def _alternatives(

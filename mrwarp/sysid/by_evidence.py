@@ -146,7 +146,7 @@ class _Search(Generic[Model, Cause]):
         self.out: set[Cause] = set()
         self.proven: set[Cause] | None = None
         self.closed = False  # whether causes may enter no more
-        self._judged: dict[tuple[Model, Cause], tuple[float, bool]] = {}
+        self._judged: dict[tuple[Model, Cause, bool], tuple[float, bool]] = {}
 
     def score(self, model: Model, active: Active) -> float:
         """Log evidence with the prior odds against what has no name."""
@@ -208,9 +208,11 @@ class _Search(Generic[Model, Cause]):
         takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. An
         ordinary one may where it is less likely than the structure in its place. One that was not proven before has to
         be as likely as such structure, and by the odds that a nameless group needs; what it adds to that is no proof.
+        Where some is left next to it, that has to add these odds to what suits the model without it, and half of what
+        that takes.
         The variances are learned without the cause: it may not have shaped what it is judged by.
         """
-        if (key := (self.model, cause)) not in self._judged:
+        if (key := (self.model, cause, bool(self.active))) not in self._judged:
             self._judged[key] = self._judge(cause)
         return self._judged[key]
 
@@ -220,26 +222,28 @@ class _Search(Generic[Model, Cause]):
         nothing, alone = (self.score(model, frozenset()) for model in (without, self.model))
         nameless, both = self.with_nameless(without), self.with_nameless(self.model)
         self.compared.about(self.model)
-        odds, adds = alone - nothing, min(alone - nothing, both - nameless)
+        odds, more, adds = alone - nothing, nameless - nothing, min(alone - nothing, both - nameless)
         left = [float(self.compared.signals(x).grams[:, -1, -1].sum()) for x in (without, self.model)]
         half, enters = self.gain.half, self.odds.enters
+        needed = enters + 0.5 * self.gain.distinct
+        if not self.is_proven(cause) and self.active:
+            return odds, adds < needed or odds < half * more
         if self.is_proven(cause):
             least = 0.0 if self.plant.ordinary(cause) else enters
-            part = adds < least and odds < max(enters, half * (nameless - nothing))
+            part = adds < least and odds < max(enters, half * more)
         else:
-            part = odds < max(enters + 0.5 * self.gain.distinct, nameless - nothing)
+            part = odds < max(needed, more)
         return odds, part and left[1] > half * left[0]
 
     def weak(self) -> list[Cause]:
         """Causes that may be a part of what has no name: all that entered if some is left of that, or the weakest."""
         causes = self.plant.causes(self.model)
         entered = [cause for cause in causes if not self.is_proven(cause)]
-        if self.active and entered:
-            return entered
         for kind in (entered, [cause for cause in causes if cause not in entered]):
             parts = [cause for cause in kind if self.judge(cause)[1]]
             if parts:
-                return [min(parts, key=lambda cause: self.judge(cause)[0])]
+                together = self.active and kind is entered
+                return parts if together else [min(parts, key=lambda cause: self.judge(cause)[0])]
         return []
 
     def is_proven(self, cause: Cause) -> bool:
