@@ -125,6 +125,14 @@ def test_pair_is_found_whole() -> None:
     assert min(selection.own_gain.values()) > threshold(made(), selection.base)
 
 
+def test_a_small_effect_next_to_a_large_one_is_measured_by_what_is_left_above_the_noise() -> None:
+    """A cogging of 8 mN·m next to an inertia that takes 390 times the noise: noise is nobody's wrong form."""
+    hidden = {"rotor_inertia": {"inertia": 0.03}, "cogging": {"sine": 0.008, "cosine": 0.0, "periods": 14.0}}
+    selection = searched(made(hidden))
+    assert selection.named == ["rotor_inertia", "cogging"]
+    assert selection.own_gain["cogging"] < selection.final.total * Settings().search.added
+
+
 def test_structure_outside_the_catalogue_is_not_named() -> None:
     """A viscosity that changes along the angle is left over, and says on what it depends."""
     at = known.motion(52, runs=6, seconds=3.0)

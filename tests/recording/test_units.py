@@ -161,3 +161,14 @@ def test_the_screw_drive_is_read(shared_data: Path) -> None:
         pytest.skip(f"no folder {folder}")
     recording = load_recording(folder)
     assert len(recording.trajectories) == 34 and recording.repairs == ()
+
+
+def test_a_column_of_another_name_is_declared_as_the_message_says(tmp_path: Path) -> None:
+    """A unit for the file's own name is refused; the declaration that is printed reads the file."""
+    data = columns()
+    data["my_tau"] = data.pop("torque")
+    path = _declared(tmp_path, data, {"my_tau": "N·m"})
+    with pytest.raises(RecordingError, match="there is no column 'my_tau'") as refused:
+        load_recording(path)
+    (tmp_path / "units.json").write_text(str(refused.value).partition("; write ")[2])
+    assert load_recording(path).units["torque"] == "N·m"
