@@ -211,7 +211,7 @@ def units_of(path: Path, content: Mapping[str, Any]) -> Units:
     for key, unit in declared.items():
         if key not in CONVERSIONS:
             takes = [name for name, known in CONVERSIONS.items() if isinstance(unit, str) and unit in known]
-            remedy = f'; write {json.dumps({"columns": {takes[0]: key}, takes[0]: unit})}' if takes else ""
+            remedy = f"; write {json.dumps({'columns': {takes[0]: key}, takes[0]: unit})}" if takes else ""
             raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(CONVERSIONS)}{remedy}")
         if key in ("q", "qd") and count and unit == ("counts" if key == "q" else "counts/s"):
             continue
