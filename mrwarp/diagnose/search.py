@@ -18,6 +18,7 @@ from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.normal_equations import losses
 from mrwarp.identify.parameters import absent_from
 from mrwarp.identify.projection import Progress
+from mrwarp.recording.data import NO_INPUT
 from mrwarp.sysid.certainty import gain_and_t
 from mrwarp.sysid.stepwise import eliminated, searched
 
@@ -305,12 +306,14 @@ def _worth(models: Models, fit: Fit) -> bool:
 def _needed(models: Models, fit: Fit, effect: str) -> float:
     """Least gain of an effect on top of others: a law in a wrong form leaves a part of its gain for others to take up.
 
-    The part is measured by the model's gain, or by all that it leaves above the noise if that is less; next to a large
-    misfit the noise is not known. What drifts over the session is nobody else's wrong form.
+    The part is measured by the model's gain, or by all that it leaves if that is less: of a body without a device, above
+    the noise; what a device's law has wrong may be taken for noise. What drifts over the session is nobody else's wrong
+    form.
     """
-    settings = models.problem.settings.search
+    problem, settings = models.problem, models.problem.settings.search
     part = settings.added_slowly if drifts(effect) else settings.added
-    left = fit.total if models.problem.misfit else max(fit.total - fit.equations.count, 0.0)
+    noise = fit.equations.count if problem.units["current"] == NO_INPUT and not problem.misfit else 0.0
+    left = max(fit.total - noise, 0.0)
     return max(threshold(models.problem, fit), part * min(models.base.total - fit.total, left))
 
 

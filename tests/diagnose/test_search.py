@@ -13,6 +13,7 @@ from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import JointSearch, Selection, first_guess, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.parameters import LINEAR
+from mrwarp.recording.data import NO_INPUT
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.sysid.settings import Gain, Settings
 from tests.diagnose import known
@@ -126,11 +127,14 @@ def test_pair_is_found_whole() -> None:
 
 
 def test_a_small_effect_next_to_a_large_one_is_measured_by_what_is_left_above_the_noise() -> None:
-    """A cogging of 8 mN·m next to an inertia that takes 390 times the noise: noise is nobody's wrong form."""
+    """A cogging of 8 mN·m on a body without a device: noise is nobody's wrong form. A device's law may hide in it."""
     hidden = {"rotor_inertia": {"inertia": 0.03}, "cogging": {"sine": 0.008, "cosine": 0.0, "periods": 14.0}}
-    selection = searched(made(hidden))
+    device = made(hidden)
+    body = replace(device, units={**device.units, "current": NO_INPUT})
+    selection = searched(body)
     assert selection.named == ["rotor_inertia", "cogging"]
     assert selection.own_gain["cogging"] < selection.final.total * Settings().search.added
+    assert searched(device).named == ["rotor_inertia"]
 
 
 def test_structure_outside_the_catalogue_is_not_named() -> None:
