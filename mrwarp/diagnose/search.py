@@ -306,9 +306,9 @@ def _worth(models: Models, fit: Fit) -> bool:
 def _needed(models: Models, fit: Fit, effect: str) -> float:
     """Least gain of an effect on top of others: a law in a wrong form leaves a part of its gain for others to take up.
 
-    The part is measured by the model's gain, or by all that it leaves if that is less: of a body without a device, above
-    the noise; what a device's law has wrong may be taken for noise. What drifts over the session is nobody else's wrong
-    form.
+    The part is measured by the model's gain, or by all that it leaves if that is less; of a body without a device, by
+    what it leaves above the noise (what a device's law has wrong may have been taken for noise). What drifts over the
+    session is nobody else's wrong form.
     """
     problem, settings = models.problem, models.problem.settings.search
     part = settings.added_slowly if drifts(effect) else settings.added
