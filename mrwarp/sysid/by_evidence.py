@@ -208,8 +208,7 @@ class _Search(Generic[Model, Cause]):
         takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. An
         ordinary one may where it is less likely than the structure in its place. One that was not proven before has to
         be as likely as such structure, and by the odds that a nameless group needs; what it adds to that is no proof.
-        Where some is left next to it, that has to add these odds to what suits the model without it, and half of what
-        that takes.
+        Where some is left next to it, it has to add these odds to that, too.
         The variances are learned without the cause: it may not have shaped what it is judged by.
         """
         if (key := (self.model, cause, bool(self.active))) not in self._judged:
@@ -226,11 +225,11 @@ class _Search(Generic[Model, Cause]):
         left = [float(self.compared.signals(x).grams[:, -1, -1].sum()) for x in (without, self.model)]
         half, enters = self.gain.half, self.odds.enters
         needed = enters + 0.5 * self.gain.distinct
-        if not self.is_proven(cause) and self.active:
-            return odds, adds < needed or odds < half * more
         if self.is_proven(cause):
             least = 0.0 if self.plant.ordinary(cause) else enters
             part = adds < least and odds < max(enters, half * more)
+        elif self.active:
+            return odds, adds < needed or odds < more
         else:
             part = odds < max(needed, more)
         return odds, part and left[1] > half * left[0]
