@@ -17,6 +17,7 @@ from mrwarp.diagnose.baseline import (
     judged,
     learn_noise,
     plain_problem,
+    quiet_current,
     shift_stands,
     smooth_motion,
     with_learned_noise,
@@ -308,13 +309,13 @@ def _searched_as_read(
     """Causes of a session as its log is read.
 
     They are searched again where all together ask for another reading or for another noise: of a motion that was
-    smoothed for want of one of them, or where they leave clearly less spread of the trajectories' factors than the
-    first of them did. Where factors may differ much, a common one costs next to nothing, and a model's torque drifts
-    away from what was measured.
+    smoothed for want of one of them, of a current whose noise hid in what they take, or where they leave clearly less
+    spread of the trajectories' factors than the first of them did. Where factors may differ much, a common one costs
+    next to nothing, and a model's torque drifts away from what was measured.
     """
     models = Models(session.problem, session.base)
     judged, rejected = _found(models, session, method, log)
-    for again in (_smoothed_again, _noise_again):
+    for again in (_smoothed_again, _quiet_again, _noise_again):
         final = judged.selection.final
         most = rejected[0].fit if rejected and not models.added(final) else final
         if (other := again(session, most, log)) is not session:
@@ -331,6 +332,26 @@ def _smoothed_again(session: _Session, best: Fit, log: Progress) -> _Session:
     log(f"motion smoothed {smooth.motion.kinematics.smoothing:g} times as much")
     problem, _ = _with_noise(session, smooth, refit(smooth, best), log)
     return session.screened_again(problem, refit(problem, session.base))
+
+
+def _quiet_again(session: _Session, best: Fit, log: Progress) -> _Session:
+    """The session with a measured current's noise taken off as a model asks for, or as it is.
+
+    It is asked without what follows the current late, too: that takes the noise away as well.
+    """
+    problem, models, late = session.problem, Models(session.problem, session.base), best
+    if problem.motion.medians > 1:
+        return session
+    for effect in models.added(best):
+        if CATALOGUE[effect].stage == "current" and "memory" in CATALOGUE[effect].depends_on:
+            late = models.without(late, effect)
+    for fit in dict.fromkeys((best, late)):
+        quiet = quiet_current(problem, fit)
+        if quiet is not problem:
+            log("the measured current is noisy: it is smoothed")
+            quiet, _ = _with_noise(session, quiet, refit(quiet, fit), log)
+            return session.screened_again(quiet, refit(quiet, session.base))
+    return session
 
 
 def _noise_again(session: _Session, best: Fit, log: Progress) -> _Session:
