@@ -11,7 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, base_vector, fit_model, normalised, refit, threshold, unit_loop
+from mrwarp.diagnose.problem import (
+    Fit,
+    Problem,
+    base_vector,
+    covariance,
+    fit_model,
+    normalised,
+    refit,
+    threshold,
+    unit_loop,
+)
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import EffectParameter
@@ -19,7 +29,7 @@ from mrwarp.identify.checks.stated import coil_resistance
 from mrwarp.identify.dataset import Motion, Scales, rms, sample_noise
 from mrwarp.identify.fit import BoucWenStructure
 from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
-from mrwarp.identify.parameters import LINEAR_PART, Slot, factor_of
+from mrwarp.identify.parameters import EFFECT_PART, LINEAR_PART, Slot, factor_of
 from mrwarp.identify.projection import Progress, search_starts
 from mrwarp.identify.replay import EffectReplay, Replay
 from mrwarp.model_file import JOINT_UNITS, Model
@@ -331,11 +341,7 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     for smoothing in (1.0, *_doubled(problem.settings.reading.smoothing)):
         if smoothing == problem.motion.kinematics.smoothing:
             continue
-        read = {"rests": problem.motion.kinematics.rests, "smoothing": smoothing, "settings": problem.settings}
-        motion = Motion.of(recording, problem.motion.scales, resistance=problem.motion.resistance, **read)
-        motion = motion.stretches(problem.settings.reading.samples)
-        part = {name: getattr(motion, name) for name in ("qd", "qdd", "kinematics")}
-        smooth = problem.with_motion(replace(problem.motion, **part))
+        smooth = _smoothed(problem, recording, smoothing)
         found.append((smooth, refit(smooth, found[-1][1])))
         if found[-1][1].total > found[-2][1].total:
             break
@@ -348,6 +354,31 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     if sticks(best) or best.motion.ranges.carried:  # the drive sets the torque
         unknown.append(best.motion.kinematics.reversing)
     return replace(best, weight=best.weight * ~np.any([x for x in unknown if x is not None], axis=0))
+
+
+def _smoothed(problem: Problem, recording: Recording, smoothing: float) -> Problem:
+    """The problem with its motion smoothed so many times as much as the channels ask for."""
+    read = {"rests": problem.motion.kinematics.rests, "smoothing": smoothing, "settings": problem.settings}
+    motion = Motion.of(recording, problem.motion.scales, resistance=problem.motion.resistance, **read)
+    motion = motion.stretches(problem.settings.reading.samples)
+    part = {name: getattr(motion, name) for name in ("qd", "qdd", "kinematics")}
+    return problem.with_motion(replace(problem.motion, **part))
+
+
+def with_error_of_smoothing(problem: Problem, recording: Recording, fit: Fit) -> Fit:
+    """The model with intervals of its effects that hold next to what the smoother took off the motion.
+
+    An effect that is as quick as an inertia's torque takes up what is missing of that. The error is of second order
+    (Richardson): by the numbers with half of the smoothing, or with twice as much where there is no less.
+    """
+    if not any(KNOWN[effect].inertial for effect in fit.effects):
+        return fit
+    ratio = 0.5 if problem.motion.kinematics.smoothing > 1.0 else 2.0
+    other = refit(_smoothed(problem, recording, ratio * problem.motion.kinematics.smoothing), fit)
+    error = (fit.x - other.x) / (1.0 - ratio**2)
+    least = np.diag(covariance(fit)).copy()
+    least[EFFECT_PART] += error[EFFECT_PART] ** 2
+    return replace(fit, least_variance=least)
 
 
 def _doubled(most: float) -> Iterator[float]:

@@ -20,6 +20,7 @@ from mrwarp.diagnose.baseline import (
     quiet_current,
     shift_stands,
     smooth_motion,
+    with_error_of_smoothing,
     with_learned_noise,
 )
 from mrwarp.diagnose.calibration_shift import calibration_shifts
@@ -116,7 +117,8 @@ def diagnose(
         result = without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
         return replace(result, recording_faults=session.faults)
     selection, parts, held_out, account = _accounted(session, models, selection, held_out, seed, log)
-    law = session.base.parameters.law
+    final = with_error_of_smoothing(problem, recording, selection.final)
+    selection, law = replace(selection, final=final), session.base.parameters.law
     log("smallest sizes that would have shown")
     sizes = smallest_sizes(problem, selection.final, session.candidates, judged.shows)
     log("next experiment")
