@@ -5,8 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate, quiet_current, shift_stands, smooth_motion
-from mrwarp.diagnose.problem import Fit, Problem, fit_model, refit
+from mrwarp.diagnose.baseline import (
+    align_clocks,
+    begin_under_way,
+    decimate,
+    quiet_current,
+    shift_stands,
+    smooth_motion,
+    with_error_of_smoothing,
+)
+from mrwarp.diagnose.problem import Fit, Problem, covariance, fit_model, refit
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, Trajectory
@@ -230,6 +238,14 @@ def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(s
     # one that was smoothed for want of a cause is read again as it is
     rough = problem.with_motion(Motion.of(recording, Scales(), smoothing=4.0))
     assert smooth_motion(rough, recording, fit).motion.kinematics.smoothing == 1.0
+    # an interval holds next to the smoother's error, by Richardson's extrapolation of second order from half as much
+    very_rough = problem.with_motion(Motion.of(recording, Scales(), smoothing=8.0))
+    fits = [known.fitted(reading, INERTIA) for reading in (very_rough, rough)]
+    stated = with_error_of_smoothing(very_rough, recording, fits[0])
+    before, after = (covariance(x)[-1, -1] for x in (fits[0], stated))
+    assert after == pytest.approx(before + ((fits[0].x[-1] - fits[1].x[-1]) / 0.75) ** 2, rel=1e-2) and after > before
+    plain = known.fitted(problem)
+    assert with_error_of_smoothing(problem, recording, plain) is plain
     # of a joint that its drive could not move at first, reversals do not count
     still = np.arange(len(at.q)) < 20
     kinematics = dataclasses.replace(problem.motion.kinematics, still=still)
