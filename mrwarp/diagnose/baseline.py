@@ -304,7 +304,8 @@ def quiet_current(problem: Problem, fit: Fit) -> Problem:
         if found[-1][1].total > found[-2][1].total:
             break
     best, fitted = min(found, key=lambda item: item[1].total)
-    return best if best is not problem and _clear(problem, fit, fitted.loo_loss) else problem
+    ratio = by_ratio(fit.loo_loss, fitted.loo_loss)  # runs of large currents gain most
+    return best if best is not problem and _clear(problem, fit, fitted.loo_loss, ratio) else problem
 
 
 def begin_under_way(problem: Problem, fit: Fit) -> Problem:
@@ -426,9 +427,10 @@ def shift_stands(problem: Problem, shifted: Fit, logged: Problem, fit: Fit) -> b
     return True
 
 
-def _clear(problem: Problem, before: Fit, after: np.ndarray) -> bool:
-    """Whether leave-one-out losses, shape (T,), are clearly below those of a model."""
+def _clear(problem: Problem, before: Fit, after: np.ndarray, ratio: float = 0.0) -> bool:
+    """Whether leave-one-out losses, shape (T,), are clearly below those of a model, by their sum or by a ``ratio``."""
     gain, t = gain_and_t(before.loo_loss, after)
+    t = max(t, ratio)
     settings = problem.settings
     least = max(settings.rest.certainly * threshold(problem, before), settings.gain.share * before.total)
     return gain >= least and t >= settings.gain.clear_t
