@@ -135,7 +135,7 @@ def diagnose_log(
     unknown = cannot_know(likelihood, parameters, case.model, log, now, holds, shown)
     return RobotDiagnosis(
         verdict=VERDICTS[bool(causes), unexplained is not None],
-        sentence=sentence_of(causes, unexplained, after),
+        sentence=sentence_of(causes, unexplained, after, case.model.settings.robot.worst),
         causes=causes,
         suspects=_suspects(case, judged),
         unexplained=unexplained,

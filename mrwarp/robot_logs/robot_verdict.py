@@ -20,10 +20,6 @@ from mrwarp.robot_logs.windows import Windows
 from mrwarp.runtime import text_table
 from mrwarp.sysid.verdict import Answer, Cause, Unexplained, Value
 
-FAR_OFF = 3.0
-"""Error of a replay, in healthy ones, beyond which it is not right, with proven causes or without. Of healthy arms that
-plain MuJoCo simulated, with jittered stamps, filtered torques and coarse encoders, it was 1.0 to 2.1."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class NamedCause(Cause):
@@ -114,12 +110,19 @@ def interval_text(value: Value, relative_to: str = "") -> str:
     return f"{low:.4g} to {high:.4g}" if np.isfinite([low, high]).all() else f"none: relative to {relative_to}"
 
 
-def sentence_of(causes: tuple[NamedCause, ...], unexplained: Unexplained | None, left: float) -> str:
-    """The verdict in one sentence; ``left`` is the replay's error with the causes, in healthy ones [1]."""
+def sentence_of(causes: tuple[NamedCause, ...], unexplained: Unexplained | None, left: float, most: float) -> str:
+    """The verdict in one sentence.
+
+    Args:
+        causes: What is named.
+        unexplained: What acts outside the catalogue.
+        left: The replay's error with the causes, in healthy ones [1].
+        most: Beyond it the replay is not right, with causes or without [1].
+    """
     found = [cause_text(cause) for cause in causes]
     if unexplained is not None:
         found.append(f"something outside the catalogue: {unexplained.form}")
-    if left > FAR_OFF:
+    if left > most:
         off = f"the replay's error is {left:.3g} times a healthy robot's"
         found.append(f"even so {off}" if found else f"No cause is proven, and {off}")
     return "; ".join(found) + "." if found else "Nothing is wrong with the simulation that this log could show."

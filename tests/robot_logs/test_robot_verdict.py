@@ -3,6 +3,7 @@
 import pytest
 
 from mrwarp.robot_logs.robot_verdict import sentence_of
+from mrwarp.sysid.settings import Robot
 from mrwarp.sysid.verdict import Unexplained
 
 
@@ -23,4 +24,4 @@ from mrwarp.sysid.verdict import Unexplained
 def test_nothing_is_called_right_that_is_far_off(outside: bool, left: float, said: str) -> None:
     """Whether or not anything is named."""
     unexplained = Unexplained(depends_on=(), form="a pull", share=0.5) if outside else None
-    assert sentence_of((), unexplained, left) == said
+    assert sentence_of((), unexplained, left, Robot().worst) == said

@@ -45,7 +45,8 @@ class Robot(Checked):
     the speed at its start is an average over some samples, and wrong while a foot lands."""
     worst: float = setting(4.0, 1.0, 100.0, fewer="windows left out", more="falls and pushes that are fitted")
     """A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot.
-    Others count less, the more is left in them than in the median one: small errors of some grow to large ones."""
+    Others count less, the more is left in them than in the median one: small errors of some grow to large ones. A
+    whole replay that errs by this many healthy errors is not right: the verdict says so."""
     push: float = setting(0.1, 1e-4, 10.0, fewer="forces held back", more="forces at joints that stick")
     """Standard deviation of forces that no cause gives, as shares of the robot's weight and of the most a joint was
     asked for: joints that stick hardly show one, however large."""
