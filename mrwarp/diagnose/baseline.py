@@ -290,11 +290,12 @@ def sticks(problem: Problem) -> bool:
     return still is not None and bool(still.any()) and not problem.weight[still].any()
 
 
-def quiet_current(problem: Problem, fit: Fit) -> Problem:
+def quiet_current(problem: Problem, fit: Fit, *, each: bool = False) -> Problem:
     """Take noise from sample to sample off a measured current where the torque is then predicted clearly better.
 
     What lags behind the current, or follows it with play, takes its noise away, and would be named for that. A median
     over the samples around each does so without a lag, and leaves steps as they are.
+    With ``each``, runs count alike: those of large currents gain most.
     """
     motion, found = problem.motion, [(problem, fit)]
     shortest = float(np.diff(motion.start).min())
@@ -304,7 +305,7 @@ def quiet_current(problem: Problem, fit: Fit) -> Problem:
         if found[-1][1].total > found[-2][1].total:
             break
     best, fitted = min(found, key=lambda item: item[1].total)
-    ratio = by_ratio(fit.loo_loss, fitted.loo_loss)  # runs of large currents gain most
+    ratio = by_ratio(fit.loo_loss, fitted.loo_loss) if each else 0.0
     return best if best is not problem and _clear(problem, fit, fitted.loo_loss, ratio) else problem
 
 

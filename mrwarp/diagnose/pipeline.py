@@ -337,23 +337,22 @@ def _smoothed_again(session: _Session, best: Fit, log: Progress) -> _Session:
 
 
 def _quiet_again(session: _Session, best: Fit, log: Progress) -> _Session:
-    """The session with a measured current's noise taken off as a model asks for, or as it is.
+    """The session with a measured current's noise taken off, where a cause may only be named for that, or as it is.
 
-    It is asked without what follows the current late, too: that takes the noise away as well.
+    What follows the current late takes its noise away, so the model is asked without it.
     """
     problem, models, late = session.problem, Models(session.problem, session.base), best
-    if problem.motion.medians > 1:
-        return session
     for effect in models.added(best):
         if CATALOGUE[effect].stage == "current" and "memory" in CATALOGUE[effect].depends_on:
             late = models.without(late, effect)
-    for fit in dict.fromkeys((best, late)):
-        quiet = quiet_current(problem, fit)
-        if quiet is not problem:
-            log("the measured current is noisy: it is smoothed")
-            quiet, _ = _with_noise(session, quiet, refit(quiet, fit), log)
-            return session.screened_again(quiet, refit(quiet, session.base))
-    return session
+    if late is best or problem.motion.medians > 1:
+        return session
+    quiet = quiet_current(problem, late, each=True)
+    if quiet is problem:
+        return session
+    log("the measured current is noisy: it is smoothed")
+    quiet, _ = _with_noise(session, quiet, refit(quiet, late), log)
+    return session.screened_again(quiet, refit(quiet, session.base))
 
 
 def _noise_again(session: _Session, best: Fit, log: Progress) -> _Session:
