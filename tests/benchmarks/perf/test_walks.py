@@ -10,7 +10,7 @@ from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 def test_a_walk_is_timed_and_checked() -> None:
     """Parts nest: physics within robot within environment; a plain turn repeats the bits, and the walk goes on."""
     walk = Walk("bouc_wen", OnnxPolicy(DEFAULT_POLICY), num_envs=2, steps=3, seconds=1.0)
-    turns = [walk.turn() for _ in range(20)]
+    turns = [walk.turn() for _ in range(100)]
     assert all(0.0 < times["physics"] < times["robot"] for times in turns)
     # the environment is timed in other steps than its parts, and takes little more than the robot: the least count
     robot, env = (min(times[part] for times in turns) for part in ("robot", "env"))
