@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import mrwarp
+from mrwarp.diagnose.report.in_python import diagnose_files
 
 NAMES = [
     "DriveMR", "EnvCfg", "JointBatch", "LearnedTorque", "Model", "MrParams", "OnnxPolicy", "TaskCfg", "WalkEnv",
@@ -82,3 +83,11 @@ def test_the_first_lines_print_what_they_are_asked_to() -> None:
 def test_it_is_typed() -> None:
     """Type checkers read the package's annotations."""
     assert (Path(mrwarp.__file__).parent / "py.typed").is_file()
+
+
+def test_the_package_is_called_as_its_function_is() -> None:
+    """``mrwarp.diagnose`` is a package that is called: its help has the function's arguments."""
+    shown, function = (inspect.signature(x).parameters for x in (type(mrwarp.diagnose).__call__, diagnose_files))
+    assert [(p.name, p.kind, p.default) for p in shown.values()] == [
+        (p.name, p.kind, p.default) for p in function.values()
+    ]
