@@ -295,7 +295,7 @@ def quiet_current(problem: Problem, fit: Fit, *, each: bool = False) -> Problem:
 
     What lags behind the current, or follows it with play, takes its noise away, and would be named for that. A median
     over the samples around each does so without a lag, and leaves steps as they are.
-    With ``each``, runs count alike: those of large currents gain most.
+    With ``each``, all runs count equally: those of large currents gain most.
     """
     motion, found = problem.motion, [(problem, fit)]
     shortest = float(np.diff(motion.start).min())
