@@ -208,7 +208,7 @@ class _Search(Generic[Model, Cause]):
         takes, and leaves more than half of the mismatch: what takes more than all that is left is no part of it. An
         ordinary one may where it is less likely than the structure in its place. One that was not proven before has to
         be as likely as such structure, and by the odds that a nameless group needs; what it adds to that is no proof.
-        Where some is left next to it, it has to add these odds to that, too.
+        Where some structure is left next to it, it has to add these odds to the structure in its place, too.
         The variances are learned without the cause: it may not have shaped what it is judged by.
         """
         if (key := (self.model, cause, bool(self.active))) not in self._judged:
@@ -235,7 +235,7 @@ class _Search(Generic[Model, Cause]):
         return odds, part and left[1] > half * left[0]
 
     def weak(self) -> list[Cause]:
-        """Causes that may be a part of what has no name: all that entered if some is left of that, or the weakest."""
+        """Causes that may be a part of what has no name: such that entered, all if some is left, or the weakest."""
         causes = self.plant.causes(self.model)
         entered = [cause for cause in causes if not self.is_proven(cause)]
         for kind in (entered, [cause for cause in causes if cause not in entered]):
