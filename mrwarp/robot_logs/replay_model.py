@@ -149,7 +149,10 @@ class ReplayModel:
             spec = self.spec.copy()
             spec.option.timestep = h
             spec.option.noslip_iterations = round(spec.option.noslip_iterations * min(1.0, LONGEST_STEP / h))
-            self.compiled[h] = spec.compile()
+            self.compiled[h] = mj = spec.compile()
+            # else a centre of mass at a body's or shape's origin is taken to be there, though it is moved later
+            for frames in (mj.body_sameframe, mj.geom_sameframe, mj.site_sameframe):
+                frames[:] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
         return self.compiled[h]
 
     def body_name(self, body: int) -> str:

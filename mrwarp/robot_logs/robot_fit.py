@@ -61,9 +61,12 @@ def fitted(
         seen, _ = replayed(likelihood, model, groups, parameters, theta)
         return float(seen / likelihood.scale + theta @ prior_of(parameters, hypotheses) @ theta)
 
+    ordinary = not guessed and bool((guess != theta).any())
+    if ordinary:  # single changes that are no fault say the log: far from them, others would stand for them
+        theta = guess
     for round_ in range(described.settings.robot_fit.rounds):
         found = guessed
-        if round_ or not guessed:
+        if round_ or not (guessed or ordinary):
             # what does not predict what it did not see is no cause, and would only lead the fit astray
             seen, _ = cross_validated(select(likelihood, parameters), likelihood, parameters)
             found = [f.hypothesis for f in seen if f.hypothesis.cause not in ORDINARY]

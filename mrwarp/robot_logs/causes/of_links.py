@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mrwarp.robot_logs.causes.cause import Cause, Shown
+from mrwarp.robot_logs.causes.cause import Cause, Replayed, Shown
 from mrwarp.robot_logs.causes.edits import MjcfEdit, UsdEdit
 from mrwarp.robot_logs.causes.places import Place
 
@@ -48,6 +48,31 @@ def _usd_com(edit: UsdEdit, axis: int, x: float) -> None:
     center = edit.body(edit.robot.trunk).GetAttribute("physics:centerOfMass")
     value = center.Get()
     value[axis] += x
+    center.Set(value)
+
+
+def _centred(moment: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Way of the centre of mass [m], (..., 3), by what is added to static moments [kg·m], with ``mass`` (...) [kg]."""
+    return moment / np.maximum(mass, 1e-4)[..., None]
+
+
+def _off_centre(replay: Replayed, change: np.ndarray) -> None:
+    """Centres of mass of E robots' B bodies, ``change`` (E, 3B) in addition to their static moments."""
+    place = replay.model("body_ipos")
+    place += _centred(change.reshape(place.shape), replay.model("body_mass"))
+
+
+def _mjcf_moment(edit: MjcfEdit, column: int, x: float) -> None:
+    body, way = edit.weighed(column // 3), np.zeros(3)
+    way[column % 3] = x
+    body.ipos = np.array(body.ipos) + _centred(way, np.array(body.mass))
+
+
+def _usd_moment(edit: UsdEdit, column: int, x: float) -> None:
+    prim = edit.body(column // 3)
+    center = prim.GetAttribute("physics:centerOfMass")
+    value = center.Get()
+    value[column % 3] += x / max(prim.GetAttribute("physics:mass").Get(), 1e-4)
     center.Set(value)
 
 
@@ -120,6 +145,25 @@ CAUSES = (
         says=_says_mass,
         mjcf=_mjcf_mass,
         usd=_usd_mass,
+    ),
+    Cause(  # with a mass next to it a weight anywhere on the link
+        name="link_com",
+        title="static moment",
+        field="moment",
+        place="body_axis",
+        there=lambda at: not at.model.free and at.link.mass > 0.02,
+        unit="kg·m",
+        step=lambda at: 0.01 * at.link.mass,
+        spread=lambda at: 0.003 * at.link.mass,
+        least=lambda at: max(0.01 * at.link.mass, at.link.hidden_moment),
+        fault=lambda at: max(0.04 * at.link.mass, 5.0 * at.link.hidden_moment),
+        central=True,
+        shown=Shown("swing the link slowly through its range with the trunk fixed", {"slow": 20.0}),
+        shown_by_arm=Shown("swing the link slowly through its range", {"slow": 20.0}),
+        says=lambda value, axis: f"its weight sits off, a static moment of {value:+.2g} kg·m along {axis}",
+        acts=_off_centre,
+        mjcf=_mjcf_moment,
+        usd=_usd_moment,
     ),
     Cause(
         name="link_length",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -12,7 +12,9 @@ import numpy as np
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog, reads_torque
 
-Kind = Literal["joint", "commands", "imu", "body", "trunk", "trunk_axis", "lean", "gyro", "robot", "foot", "pull"]
+Kind = Literal[
+    "joint", "commands", "imu", "body", "body_axis", "trunk", "trunk_axis", "lean", "gyro", "robot", "foot", "pull"
+]
 """Kinds of places, see :data:`PLACES`."""
 
 
@@ -101,6 +103,11 @@ class Place:
         return float(self.model.model.body_mass[self.index])
 
     @property
+    def link(self) -> Place:
+        """The body whose axis it is, of a ``body_axis``."""
+        return replace(self, index=self.index // 3)
+
+    @property
     def reach(self) -> float:
         """Distance from the joint of the body ``index`` to the furthest of what hangs on it [m]."""
         return float(self.model.reach[self.index])
@@ -116,12 +123,17 @@ class Place:
         return float(np.median([run.dt for run in self.log.runs]))
 
     @cached_property
+    def hidden_moment(self) -> float:
+        """Static moment of the body ``index`` that makes less torque than the least friction [kg·m]."""
+        joint = driver(self.model, self.index)
+        return 0.005 * torque_scale(self.model, self.log, joint) / 9.81 if joint is not None else 0.0
+
+    @cached_property
     def hidden_mass(self) -> float:
         """Mass of the body ``index`` that makes less torque than the least friction: drives hide it [kg]."""
         mj, body = self.model.model, self.index
-        joint = driver(self.model, body)
         arm = max(float(np.linalg.norm(mj.body_ipos[body])), 0.3 * self.reach, 0.02)
-        return 0.005 * torque_scale(self.model, self.log, joint) / (9.81 * arm) if joint is not None else 0.0
+        return self.hidden_moment / arm
 
 
 class Places(NamedTuple):
@@ -152,6 +164,12 @@ PLACES: dict[Kind, Places] = {
     "commands": Places(lambda _: [("robot", 0, "")], lambda _: 1),
     "imu": Places(lambda _: [("imu", 1, "")], lambda _: 2),
     "body": Places(lambda m: [(m.body_name(b), b, "") for b in m.moving if b != m.trunk], lambda m: m.model.nbody),
+    "body_axis": Places(
+        lambda m: [
+            (m.body_name(b), 3 * b + k, axis) for b in m.moving if b != m.trunk for k, axis in enumerate("xyz")
+        ],
+        lambda m: 3 * m.model.nbody,
+    ),
     "trunk": Places(lambda m: [(_trunk(m), m.trunk, "")], lambda m: m.model.nbody),
     "trunk_axis": _axes("x y z", _trunk),
     "lean": _axes("roll pitch", _robot),

@@ -41,6 +41,7 @@ EFFECTS: dict[str, Effect] = {
     "trunk_mass": _effect("trunk", "kg", -5.0, 20.0, "added to the trunk, at its centre of mass"),
     "trunk_com": _effect("trunk", "m", -0.2, 0.2, "the trunk's centre of mass is moved", "x", "y", "z"),
     "link_mass": _effect("body", "kg", -5.0, 20.0, "added to a link, at its centre of mass"),
+    "link_com": _effect("body", "kg·m", -5.0, 5.0, "static moment added to a link: its centre moves", "x", "y", "z"),
     "link_length": _effect("body", "m", -0.1, 0.1, "a link is longer, its children sit further out"),
     "rotor_inertia": _effect("joint", "kg·m²", -1.0, 10.0, "added to the rotor, seen at the joint"),
     "coulomb_friction": _effect("joint", "N·m", 0.0, 100.0, "dry friction, added"),

@@ -254,6 +254,11 @@ class TrueRobot:
                     )
                 model.body_inertia[body] *= mass / model.body_mass[body]
                 model.body_mass[body] = mass
+        for frames in (model.body_sameframe, model.geom_sameframe, model.site_sameframe):
+            frames[:] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else a centre at the origin stays there
+        for h in self.hidden.get("link_com", []):
+            body = model.body(h.where).id
+            model.body_ipos[body] += np.array(h.values) / model.body_mass[body]
         if (com := self._one("trunk_com")) is not None:
             model.body_ipos[model.body(d.trunk).id] += com
         if not self.fixed:
