@@ -153,12 +153,12 @@ class _Trials:
         tried: list[tuple[np.ndarray, Hypothesis, float]] = []
         settings = self.described.settings.robot_fit
         loud = np.argsort(-(score**2) / self.information)[: settings.guesses].tolist()
-        for k in dict.fromkeys([*loud, *self.own]):
-            d, prior = self.hypotheses[k], prior_of(self.parameters, [self.hypotheses[k]])
-            along = self.plain[k] if k in self.own else self.changes[k]
-            for size in self.own.get(k, [times * score[k] / self.information[k] for times in settings.multiples]):
-                new = np.clip(theta + size * along, low, high)
-                tried.append((new, d, float(new @ prior @ new)))
+        asked = {k: [times * score[k] / self.information[k] for times in settings.multiples] for k in loud}
+        for all_sizes, along in ((asked, self.changes), (self.own, self.plain)):
+            for k, k_sizes in all_sizes.items():
+                d, prior = self.hypotheses[k], prior_of(self.parameters, [self.hypotheses[k]])
+                changed = [np.clip(theta + size * along[k], low, high) for size in k_sizes]
+                tried += [(new, d, float(new @ prior @ new)) for new in changed]
         tried = screened(tried, self.described, self.model, self.groups, self.parameters)
         gains = [
             here - left - unlikely + float(theta @ self.usual @ theta)

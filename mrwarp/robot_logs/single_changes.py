@@ -14,10 +14,10 @@ from mrwarp.robot_logs.windows import Windows
 def sizes_of_their_own(
     hypotheses: list[Hypothesis], model: ReplayModel, groups: list[Windows], parameters: list[Parameter]
 ) -> dict[int, list[float]]:
-    """Sizes, in steps, of hypotheses that derivatives do not see: the floor, single feet, limits; by their place."""
+    """Sizes, in steps, of hypotheses that derivatives do not see: of what moves feet on the floor, limits; by place."""
     own = {}
     for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(hypotheses) if len(d.members) == 1):
-        if tried := p.declared.tried:
+        if model.free and (tried := p.declared.tried):
             own[k] = [times * p.fault / abs(p.step) for times in tried]
         elif p.declared.limits and p.index in (short := _short_of_torque(model, groups)):
             own[k] = [short[p.index] / abs(p.step)]

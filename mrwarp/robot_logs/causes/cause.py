@@ -147,7 +147,7 @@ class Cause:
     sudden: bool = False
     """Whether it acts as soon as it is there: no healthy robot has a little of it."""
     tried: tuple[float, ...] = ()
-    """Sizes, in those of a fault, that are tried by the replay alone: where derivatives say nothing."""
+    """Sizes, in those of a fault, that are tried on feet by the replay alone: where derivatives say nothing."""
 
     through: Literal["", "trunk", "ground", "imu"] = ""
     """Part that a held robot lacks, so that its log cannot show it: a trunk that moves, the ground, or its sensor."""

@@ -114,6 +114,7 @@ CAUSES = (
         spread=lambda at: 0.004 * at.turn,
         least=lambda at: 0.010 * at.turn,
         fault=lambda at: 0.05 * at.turn,
+        tried=(-1.0, -0.4, 0.4, 1.0),  # it lifts an edge of a sole: derivatives end there
         shown=Shown("walk on level ground", {"walk": 20.0}),
         shown_by_arm=Shown("turn the joint slowly to a stop of known angle and back", {"slow": 10.0}),
     ),
