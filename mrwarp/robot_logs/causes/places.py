@@ -165,9 +165,7 @@ PLACES: dict[Kind, Places] = {
     "imu": Places(lambda _: [("imu", 1, "")], lambda _: 2),
     "body": Places(lambda m: [(m.body_name(b), b, "") for b in m.moving if b != m.trunk], lambda m: m.model.nbody),
     "body_axis": Places(
-        lambda m: [
-            (m.body_name(b), 3 * b + k, axis) for b in m.moving if b != m.trunk for k, axis in enumerate("xyz")
-        ],
+        lambda m: [(m.body_name(b), 3 * b + k, axis) for b in m.moving if b != m.trunk for k, axis in enumerate("xyz")],
         lambda m: 3 * m.model.nbody,
     ),
     "trunk": Places(lambda m: [(_trunk(m), m.trunk, "")], lambda m: m.model.nbody),

@@ -45,14 +45,18 @@ def with_oscillator(model: ReplayModel, log: RobotLog) -> ReplayModel:
     count = len(log.joints)
     along = [torques_along(model, log, run, SMOOTHED) for run in log.runs]
     tried = [_best(model, log, along, j) for j in (*range(count), *([-1] if count > 1 else []))]
-    if found := [own for own in tried if own is not None]:
+    seen, found = [own for own in tried if own is not None], []
+    if seen:
         runs = [answered(model, log, run, x) for run, x in zip(log.runs, along, strict=True)]
         answer = [torques_along(model, log, run, SMOOTHED) for run in runs]
-        found = [own for own in found if _follows(model, log, along, answer, own)]
+        found = [own for own in seen if _follows(model, log, along, answer, own)]
     if sum(own.joint >= 0 for own in found) > 1:  # drives that all seem elastic have something else in common
         found = [own for own in found if own.joint < 0]
     if not found:
         return model
+    # one oscillator follows from the targets: which it is, one says that explains more, though too little of it follows
+    most = max(own.share for own in found)
+    found += [own for own in seen if own.share > most and all(own is not x for x in found)]
     best = max(found, key=lambda own: own.share)
     return replace(model, hidden=best._replace(rivals=tuple(own.joint for own in found if own is not best)))
 
