@@ -50,6 +50,7 @@ from mrwarp.robot_logs.selection import (
     bounds_of,
     bounds_without,
     posterior,
+    scored,
     select,
     sizes,
 )
@@ -71,6 +72,7 @@ from mrwarp.sysid.verdict import (
 )
 
 NOT_PREDICTED = "pieces of the log that took no part are not clearly predicted better with it"
+AS_HEALTHY = "numbers that are each a little off, as on healthy robots, explain the log as well"
 NOT_CLEAR = "its interval includes sizes that healthy robots have"
 
 
@@ -232,13 +234,16 @@ def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _J
     rejected = [f for f in chosen if f not in found]
     log = within(progress, PROOF)
     found, refuted = by_replay(found, model, groups, likelihood, parameters, theta, log)
+    unproven = dict.fromkeys([*rejected, *refuted], NOT_PREDICTED)
+    if all(f.hypothesis.cause in ORDINARY for f in chosen):  # what looked best is not silently dropped
+        unproven |= dict.fromkeys(scored(likelihood, parameters, look.guessed), AS_HEALTHY)
     nothing = Sizes(size=np.zeros(len(parameters)), lone=np.zeros(len(parameters)), wider=1.0)
     return _Judged(
         theta=theta,
         likelihood=likelihood,
         rivals=rivals,
         found=found,
-        rejected=dict.fromkeys([*rejected, *refuted], NOT_PREDICTED),
+        rejected=unproven,
         size=nothing,
         near=likelihood,
     )

@@ -204,6 +204,14 @@ def select(
     return searched(RobotSearch(likelihood, parameters, confirmed))
 
 
+def scored(likelihood: Likelihood, parameters: Sequence[Parameter], hypotheses: Sequence[Hypothesis]) -> list[Found]:
+    """Hypotheses with the standard score of each alone."""
+    if not hypotheses:
+        return []
+    z = scores(posterior(likelihood, parameters, []), hypotheses, parameters).z.tolist()
+    return [Found(hypothesis=d, z=own, alternatives=()) for d, own in zip(hypotheses, z, strict=True)]
+
+
 class Standing(NamedTuple):
     """A hypothesis next to causes that were found."""
 

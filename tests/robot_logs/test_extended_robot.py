@@ -30,7 +30,7 @@ def test_robot_usda_carries_gain_and_rotor_inertia_and_names_what_it_cannot(tmp_
         ("rotor_inertia", "FL_calf"): 0.004, ("kp", "FL_calf"): 0.2, ("coulomb_friction", "FL_calf"): 0.3,
         ("viscous_friction", "RR_hip"): 0.05, ("coil_dead", "RL_calf"): -1.0, ("device_drag", "RR_calf"): 0.4,
         ("coil_lag", "FR_calf"): 0.02, ("torque_limit", "FR_hip"): -0.1,
-        ("motor_strength", "RL_hip"): -0.2, ("command_delay", "robot"): 0.004,
+        ("motor_strength", "RL_hip"): -0.2, ("link_com", "RL_hip"): 0.002, ("command_delay", "robot"): 0.004,
     }  # fmt: skip
     theta = np.array([changed.get((p.cause, p.where), 0.0) for p in parameters])
     d = SimpleNamespace(parameters=parameters, theta=theta, model=model, log=log, session={})
@@ -48,6 +48,10 @@ def test_robot_usda_carries_gain_and_rotor_inertia_and_names_what_it_cannot(tmp_
     path = new.stage.GetDefaultPrim().GetPath().AppendPath("joints/FL_calf")
     armature = [a.stage.GetPrimAtPath(path).GetAttribute("newton:armature").Get() for a in (old, new)]
     assert armature[1] - armature[0] == pytest.approx(0.004, abs=(5e-6 + EPS) * armature[1])
+    hip = new.stage.GetDefaultPrim().GetPath().AppendChild("RL_hip")
+    centers = [np.array(a.stage.GetPrimAtPath(hip).GetAttribute("physics:centerOfMass").Get()) for a in (old, new)]
+    mass = new.stage.GetPrimAtPath(hip).GetAttribute("physics:mass").Get()
+    np.testing.assert_allclose(mass * (centers[1] - centers[0]), 0.002, rtol=1e-5)  # of float32 centres
     scene = build_scene(new, dt=0.005)
     joints = np.array([a.joint for a in new.actuators])
     np.testing.assert_allclose(scene.friction, 0.3 * (joints == "FL_calf") + 0.4 * (joints == "RR_calf"), rtol=EPS)

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -145,6 +146,25 @@ def test_a_delay_of_more_than_a_row_is_named(late_arm: tuple[Path, RobotDiagnosi
     delay = d.causes[0].parameters["delay"]
     assert delay.value == pytest.approx(0.014, abs=half(delay) + BETWEEN)
     assert d.sentence == f"commands act {1e3 * delay.value:.1f} ms late."
+
+
+@pytest.mark.slow
+def test_a_weight_off_a_link_is_its_mass_and_its_static_moment(tmp_path: Path) -> None:
+    """0.3 kg at the lower link's end, 50 mm to its side, and nothing else: no drive or joint stands for it."""
+    more, off = 0.3, np.array([0.05, 0.0, -0.125])
+
+    def weighed(model: mujoco.MjModel) -> None:
+        mass = model.body_mass[2]
+        model.body_mass[2], model.body_ipos[2] = mass + more, model.body_ipos[2] + more / (mass + more) * off
+        model.body_inertia[2] += mass * more / (mass + more) * (off @ off)  # the arm moves about one axis
+
+    d = _diagnosed(arm_log(tmp_path, seconds=8.0, change=weighed))
+    found = {(c.name, c.where, name): x for c in d.causes for name, x in c.parameters.items()}
+    true = {("link_mass", "mass"): more, ("link_com", "x"): more * off[0], ("link_com", "z"): more * off[2]}
+    assert set(found) == {(cause, "lower", name) for cause, name in true}
+    for (cause, name), value in true.items():
+        number = found[cause, "lower", name]
+        assert number.value == pytest.approx(value, abs=half(number)), cause
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mrwarp.robot_logs.causes.cause import Cause, Replayed, Shown
 from mrwarp.robot_logs.causes.edits import MjcfEdit, UsdEdit
 from mrwarp.robot_logs.causes.places import Place
+from mrwarp.robot_logs.replay_model import ReplayModel
 
 WALK = Shown("walk on level ground", {"walk": 20.0})
 
@@ -51,29 +53,65 @@ def _usd_com(edit: UsdEdit, axis: int, x: float) -> None:
     center.Set(value)
 
 
-def _centred(moment: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Way of the centre of mass [m], (..., 3), by what is added to static moments [kg·m], with ``mass`` (...) [kg]."""
-    return moment / np.maximum(mass, 1e-4)[..., None]
+def _weighted(mass: float, inertia: np.ndarray, more: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    """Principal inertias [kg·m²] of a link with a weight on it, about the centre of mass of both, shape (..., 3).
+
+    A weight near the link's centre makes it denser; further off than its radius of gyration it is a point. Without a
+    weight that is added, a moment is a centre that the description has wrong, and adds nothing.
+
+    Args:
+        mass: Of the link [kg].
+        inertia: Of the link [kg·m²], shape (3,).
+        more: Mass of the weight [kg], shape (...).
+        moment: That of it about the link's centre, along the principal axes [kg·m], shape (..., 3).
+    """
+    added, square = np.maximum(more, 0.0), moment**2
+    far = square / (added**2 + (0.1 * mass) ** 2)[..., None]  # of no weight none, and no infinite distance
+    point = np.where(added > 0.0, np.exp(-far.sum(axis=-1) * 2.0 * mass / max(inertia.sum(), 1e-12)), 1.0)
+    reduced = (mass * added / (mass + added))[..., None]
+    return inertia * (1.0 + point * more / mass)[..., None] + reduced * (far.sum(axis=-1, keepdims=True) - far)
+
+
+def _frame(robot: ReplayModel, b: int) -> np.ndarray:
+    """Principal axes of a body, the columns, (3, 3)."""
+    return Rotation.from_quat(np.roll(robot.model.body_iquat[b], -1)).as_matrix()
 
 
 def _off_centre(replay: Replayed, change: np.ndarray) -> None:
-    """Centres of mass of E robots' B bodies, ``change`` (E, 3B) in addition to their static moments."""
-    place = replay.model("body_ipos")
-    place += _centred(change.reshape(place.shape), replay.model("body_mass"))
+    """Bodies of E robots with ``change``, (E, 3B), in addition to their static moments: centres of mass, inertias."""
+    mj, moment = replay.robot.model, change.reshape(len(change), -1, 3)
+    place, mass, inertia = (replay.model(f"body_{name}") for name in ("ipos", "mass", "inertia"))
+    for b in np.flatnonzero(moment.any(axis=(0, 2))):
+        place[:, b] += moment[:, b] / mass[:, b, None]
+        along = moment[:, b] @ _frame(replay.robot, b)
+        own = _weighted(float(mj.body_mass[b]), mj.body_inertia[b], mass[:, b] - mj.body_mass[b], along)
+        inertia[:, b] = np.maximum(own, 1e-3 * mj.body_inertia[b])
+
+
+def _written(robot: ReplayModel, column: int, x: float, mass: float, center: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Centre of mass and principal inertias of a body of some mass and centre, with ``x`` more along an axis."""
+    b, mj = column // 3, robot.model
+    center = center + x / mass * np.eye(3)[column % 3]
+    along = mass * (center - mj.body_ipos[b]) @ _frame(robot, b)
+    more = np.array(mass - mj.body_mass[b])
+    return center, _weighted(float(mj.body_mass[b]), mj.body_inertia[b], more, along)
 
 
 def _mjcf_moment(edit: MjcfEdit, column: int, x: float) -> None:
-    body, way = edit.weighed(column // 3), np.zeros(3)
-    way[column % 3] = x
-    body.ipos = np.array(body.ipos) + _centred(way, np.array(body.mass))
+    body = edit.weighed(column // 3)
+    center, inertia = _written(edit.robot, column, x, float(body.mass), np.array(body.ipos))
+    body.ipos = center
+    if np.isnan(np.array(body.fullinertia)).any():  # else it has axes of its own
+        body.inertia = inertia
 
 
 def _usd_moment(edit: UsdEdit, column: int, x: float) -> None:
     prim = edit.body(column // 3)
-    center = prim.GetAttribute("physics:centerOfMass")
-    value = center.Get()
-    value[column % 3] += x / max(prim.GetAttribute("physics:mass").Get(), 1e-4)
-    center.Set(value)
+    names = ("physics:mass", "physics:centerOfMass", "physics:diagonalInertia")
+    mass, center, inertia = (prim.GetAttribute(name) for name in names)
+    new = _written(edit.robot, column, x, float(mass.Get()), np.array(center.Get(), dtype=float))
+    for attribute, value in zip((center, inertia), new, strict=True):
+        attribute.Set(type(attribute.Get())(*map(float, value)))
 
 
 def _mjcf_length(edit: MjcfEdit, b: int, x: float) -> None:
