@@ -236,8 +236,7 @@ def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _J
     found, refuted = by_replay(found, model, groups, likelihood, parameters, theta, log)
     unproven = dict.fromkeys([*rejected, *refuted], NOT_PREDICTED)
     if all(f.hypothesis.cause in ORDINARY for f in chosen):  # what looked best is not silently dropped
-        large = [d for d in look.guessed if any(abs(look.guess[k]) >= parameters[k].least for k in d.members)]
-        unproven |= dict.fromkeys(scored(likelihood, parameters, large), AS_HEALTHY)
+        unproven |= dict.fromkeys(scored(likelihood, parameters, look.guessed), AS_HEALTHY)
     nothing = Sizes(size=np.zeros(len(parameters)), lone=np.zeros(len(parameters)), wider=1.0)
     return _Judged(
         theta=theta,

@@ -205,11 +205,13 @@ def select(
 
 
 def scored(likelihood: Likelihood, parameters: Sequence[Parameter], hypotheses: Sequence[Hypothesis]) -> list[Found]:
-    """Hypotheses with the standard score of each alone."""
+    """Hypotheses that are as large as a fault, with the standard score of each alone."""
     if not hypotheses:
         return []
-    z = scores(posterior(likelihood, parameters, []), hypotheses, parameters).z.tolist()
-    return [Found(hypothesis=d, z=own, alternatives=()) for d, own in zip(hypotheses, z, strict=True)]
+    now = scores(posterior(likelihood, parameters, []), hypotheses, parameters)
+    least = [min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in hypotheses]
+    large = np.flatnonzero(np.abs(now.size) >= least)
+    return [Found(hypothesis=hypotheses[k], z=float(now.z[k]), alternatives=()) for k in large]
 
 
 class Standing(NamedTuple):
