@@ -236,7 +236,9 @@ def _judged(case: _Case, look: FirstLook, progress: Callable[[str], None]) -> _J
     found, refuted = by_replay(found, model, groups, likelihood, parameters, theta, log)
     unproven = dict.fromkeys([*rejected, *refuted], NOT_PREDICTED)
     if all(f.hypothesis.cause in ORDINARY for f in chosen):  # what looked best is not silently dropped
-        unproven |= dict.fromkeys(scored(likelihood, parameters, look.guessed), AS_HEALTHY)
+        # the session's scale of torques stands for all drives: whether they are off cannot be known
+        own = [d for d in look.guessed if d.where != "robot" or d.cause not in DRIVE]
+        unproven |= dict.fromkeys(scored(likelihood, parameters, own), AS_HEALTHY)
     nothing = Sizes(size=np.zeros(len(parameters)), lone=np.zeros(len(parameters)), wider=1.0)
     return _Judged(
         theta=theta,
