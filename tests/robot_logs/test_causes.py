@@ -10,6 +10,7 @@ import pytest
 
 import mrwarp
 from mrwarp.robot_logs.causes.cause import Cause
+from mrwarp.robot_logs.causes.of_links import _weighted
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.places import PLACES
 from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, DECLARED, DRIVE, NUISANCES, ORDINARY, OUTSIDE
@@ -102,6 +103,20 @@ def test_a_limit_acts_on_robots_that_have_it() -> None:
     assert acts is not None
     acts(replay, np.array([[0.0], [-0.2]]))
     np.testing.assert_allclose(written[:, 0], [[-9.0, 9.0], [-4.0, 4.0]])
+
+
+@pytest.mark.parametrize("more", [0.3, 5.0])
+def test_a_weight_far_off_a_link_is_a_point(more: float) -> None:
+    """Steiner's theorem about the centre of both, to the weight of which none is left undivided by zero.
+
+    Off by 20 radii of gyration; without a weight, inertias stay, and at the centre they grow as the mass does.
+    """
+    mass, inertia, off = 2.0, np.array([0.01, 0.02, 0.03]), np.array([1.5, 2.0, 0.0])
+    point = inertia + mass * more / (mass + more) * (off @ off - off**2)
+    soft = (0.1 * mass / more) ** 2
+    np.testing.assert_allclose(_weighted(mass, inertia, np.array(more), more * off), point, rtol=soft)
+    np.testing.assert_allclose(_weighted(mass, inertia, np.array(0.0), off), inertia)
+    np.testing.assert_allclose(_weighted(mass, inertia, np.array(more), 0.0 * off), inertia * (1.0 + more / mass))
 
 
 def test_words_of_a_verdict() -> None:

@@ -1,6 +1,7 @@
 """The robot of a log in MuJoCo: its mass, where its feet end, and which of them stand."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from mrwarp.robot_logs.replay_model import Stance, _sole, read_spec, replay_mode
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.windows import _loaded
 from mrwarp.sysid.settings import Settings
+from tests.robot_logs.arm_log import arm_log
 
 CORNERS = "0 0 0  0.1 0 0  0 0.08 0  0 0 0.06  0.03 0.02 -0.05"
 """Of a mesh [m]."""
@@ -124,3 +126,16 @@ def test_a_robot_stands_on_the_floor_of_its_file(height: float, soft: float, tmp
     for _ in range(2000):
         mujoco.mj_step(mj, data)
     assert data.qpos[2] == pytest.approx(begun, abs=0.1 * model.sink[3])
+
+
+def test_a_centre_of_mass_at_a_link_s_origin_can_be_moved(tmp_path: Path) -> None:
+    """MuJoCo takes one that was compiled there as one that stays: its gravity torque would not change."""
+    model = replay_model(tmp_path / "arm.xml", load_log(arm_log(tmp_path, seconds=1.0)))
+    spec = model.spec.copy()
+    lower = spec.body("lower")
+    lower.mass, lower.inertia, lower.ipos, lower.explicitinertial = 0.5, [0.01] * 3, [0.0] * 3, True
+    mj = replace(model, spec=spec, compiled={}).at_step(0.001)
+    data = mujoco.MjData(mj)
+    mj.body_ipos[mj.body("lower").id] = 0.1, 0.0, 0.0
+    mujoco.mj_forward(mj, data)
+    assert abs(data.qfrc_bias[1]) == pytest.approx(9.81 * 0.5 * 0.1)
