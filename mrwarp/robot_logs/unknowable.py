@@ -159,7 +159,8 @@ def _unseen(
     asked = np.zeros(log.kp.shape, dtype=bool)
     for run in log.runs:  # one without commands may have had any
         asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
-    unseen: dict[str, list[str]] = {}
+    unseen: dict[str, dict[str, list[str]]] = {}
+    axes: dict[tuple[str, str], int] = {}
     known: dict[str, int] = {}
     for k, p in enumerate(parameters):
         if p.cause not in MOTIONS or p.declared.limits or (p.declared.needs_slip and not slips):
@@ -170,13 +171,21 @@ def _unseen(
             and information > 0.0
             and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
         )
+        axes[p.cause, p.where] = axes.get((p.cause, p.where), 0) + 1
         known[p.cause] = known.get(p.cause, 0) + int(sure)
         if not sure:
-            unseen.setdefault(p.cause, []).append(p.where)
-    return {
-        cause: "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
-        for cause, places in unseen.items()
-    }
+            unseen.setdefault(p.cause, {}).setdefault(p.where, []).append(p.name)
+
+    def of(cause: str) -> str:
+        if not known[cause]:
+            return ""
+        each = [
+            where if len(own) == axes[cause, where] else f"{where} along {' and '.join(own)}"
+            for where, own in unseen[cause].items()
+        ]
+        return "" if each == ["robot"] else f" of {', '.join(each)}"
+
+    return {cause: of(cause) for cause in unseen}
 
 
 def _limit(model: ReplayModel, joint: int) -> float:
