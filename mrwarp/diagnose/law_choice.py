@@ -124,8 +124,10 @@ def choose_law(
     found = rounded[best]
     found = min(found, _next_to(search, found, paper, [e for e in effects if e not in base.effects]), key=_error)
     taken = _clear(settings, paper, found)
-    if not taken and _error(found) < _error(paper):  # what stands before the shaft bends the loop of either most
-        taken = _clear(settings, _behind(search, paper), _behind(search, found))
+    if _error(found) < _error(paper):  # what stands before the shaft may bend the loop more than another law does
+        behind = _behind(search, paper)
+        if not taken or _error(behind) < _error(found):
+            taken = _clear(settings, behind, _behind(search, found))
     fewer = len(slots_of(best)) < len(SHAPE) and _error(found) < (1.0 + settings.simpler) ** 2 * _error(paper)
     simpler = not taken and problem.unchanging and fewer
     found = laws[best]

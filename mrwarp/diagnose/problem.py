@@ -273,6 +273,14 @@ def plain_fit(problem: Problem, fit: Fit, *, bent: bool = False) -> Fit:
     return _as_stiff(problem, fit_model(problem, layout, fit.parameters.moved(fit.x, layout)))
 
 
+def stiffer(x: np.ndarray, ratio: float) -> np.ndarray:
+    """A model's vector with a device that is as many times stiffer and slides at the same torque."""
+    y = x.copy()
+    y[SHAPE_PART.start + 1 : SHAPE_PART.stop] += np.log(ratio)
+    y[[LINEAR.index("K0"), LINEAR.index("K1")]] *= ratio
+    return y
+
+
 def _as_stiff(problem: Problem, fit: Fit) -> Fit:
     """The model fitted again from a stiffer device behind its play or spring, as long as that is clearly better.
 
@@ -280,9 +288,7 @@ def _as_stiff(problem: Problem, fit: Fit) -> Fit:
     and go between samples roughen the loss.
     """
     while set(YIELDING) & set(fit.effects) and not fit.parameters.law:
-        x = fit.x.copy()
-        x[SHAPE_PART.start + 1 : SHAPE_PART.stop] += np.log(_STIFFER)
-        x[[LINEAR.index("K0"), LINEAR.index("K1")]] *= _STIFFER
+        x = stiffer(fit.x, _STIFFER)
         if (x > fit.parameters.high).any():
             break
         stiff = fit_model(problem, fit.parameters, x)

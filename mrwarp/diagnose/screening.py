@@ -13,11 +13,11 @@ from operator import attrgetter
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model, reported_fit, with_lines
+from mrwarp.diagnose.problem import Fit, Problem, fit_model, reported_fit, stiffer, with_lines
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.normal_equations import losses
-from mrwarp.identify.parameters import Parameters, simulate, slots_of, without_hysteresis
+from mrwarp.identify.parameters import YIELDING, Parameters, simulate, slots_of, without_hysteresis
 
 _FEW = (1, 3)
 """Steps from the first look that are tried where a fit to the end leaves more than the model without the effect."""
@@ -28,6 +28,8 @@ _LINES = 2
 """Lines of the mismatch over the angle that are starts."""
 _REFINE = 6
 """Steps of improvement."""
+_STIFFER = (1.0, 3.0, 10.0)
+"""Stiffness of a device behind play or a spring, over that without: there its loop is softer, in their place."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class Candidate:
     """Leave-one-out loss of each trajectory, shape (T,)."""
     promises: tuple[float, ...] = ()
     """Gains that the linear looks at its best starts promised."""
+    stiffer: float = 1.0
+    """Stiffness of the device with it, over that in the model below."""
 
     @property
     def total(self) -> float:
@@ -80,7 +84,7 @@ class Models:
         choices = {**on.parameters.choices, **candidate.choices}
         layout = self.problem.parameters((*on.effects, candidate.effect), choices)
         if layout.effects not in self.fits:
-            x = on.parameters.moved(on.x, layout)
+            x = stiffer(on.parameters.moved(on.x, layout), candidate.stiffer)
             x[layout.own(candidate.effect)] = candidate.values
             fit = fit_model(self.problem, layout, x)
             if fit.total > on.total:  # led astray, as by contacts that come and go: better stay near the first look
@@ -132,6 +136,8 @@ class _Trial:
     effect: str
     parameters: Parameters
     values: np.ndarray
+    stiffer: float = 1.0
+    """Stiffness of the device over that of the model below."""
     step: np.ndarray = field(default_factory=lambda: np.empty(0))
     """Where the linear model goes from here."""
     loss: float = np.inf
@@ -171,7 +177,7 @@ class _Trial:
         p, own = self.parameters, self.own
         reach = p.reach(np.inf, 0.7)[own]
         values = np.clip(self.values + np.clip(self.step * self.shrink, -reach, reach), p.low[own], p.high[own])
-        return _Trial(self.effect, p, values)
+        return _Trial(self.effect, p, values, self.stiffer)
 
     def better(self, new: _Trial) -> _Trial:
         """A better trial, or this one with a shorter step."""
@@ -199,7 +205,11 @@ def screen(problem: Problem, base: Fit, effects: Iterable[str], *, hopeless: flo
         t = min(mine, key=lambda t: t.loss)
         short = max(0.0, t.held_loss - t.loss)  # at a bound, or not settled: what the linear look promises too much
         loo_loss = t.loo_loss + short / len(t.loo_loss)
-        found.append(Candidate(t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss, promises[t.effect]))
+        found.append(
+            Candidate(
+                t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss, promises[t.effect], t.stiffer
+            )
+        )
     return sorted(found, key=lambda c: c.total)
 
 
@@ -263,14 +273,21 @@ def _starts(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
         given = slot.parameter.starts
         values = (slot.neutral(ranges),) if given is None else given(ranges)
         starts.append([float(np.log(v)) for v in values] if given and slot.logarithmic else values)
-    found = []
+    found, ratios = [], _STIFFER if _gives_way(base, effect) else (1.0,)
     if lines := _lines(problem, base, effect):
         return lines
     for choice in product(*(p.choices for p in logging)):
         own = {(effect, p.name): value for p, value in zip(logging, choice, strict=True)}
         layout = problem.parameters((*base.effects, effect), {**base.parameters.choices, **own})
-        found += [_Trial(effect, layout, np.array(values)) for values in product(*starts)]
+        found += [
+            _Trial(effect, layout, np.array(values), ratio) for values in product(*starts) for ratio in ratios
+        ]
     return found
+
+
+def _gives_way(base: Fit, effect: str) -> bool:
+    """Whether an effect is the first play or spring before a device with eq. 15."""
+    return effect in YIELDING and not base.parameters.law and not set(YIELDING) & set(base.effects)
 
 
 def _lines(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
@@ -292,7 +309,7 @@ def _evaluated(problem: Problem, base: Fit, trials: list[_Trial]) -> list[_Trial
         return []
     models = [(base.parameters, base.x), without_hysteresis(base.parameters, base.x)]
     for t in trials:
-        x = base.parameters.moved(base.x, t.parameters)
+        x = stiffer(base.parameters.moved(base.x, t.parameters), t.stiffer)
         x[t.own] = t.values
         tried = [] if t.absent else [x]
         for i in t.moving:
@@ -333,7 +350,7 @@ def _two_apart(trials: list[_Trial]) -> list[_Trial]:
     """The two best trials of different starts."""
     taken: list[_Trial] = []
     for t in sorted(trials, key=lambda t: t.loss):
-        choices = t.parameters.choices
-        if all(choices != o.parameters.choices or np.abs(t.values - o.values).max() > 1e-9 for o in taken):
+        here = (t.parameters.choices, t.stiffer)
+        if all(here != (o.parameters.choices, o.stiffer) or np.abs(t.values - o.values).max() > 1e-9 for o in taken):
             taken.append(t)
     return taken[:2]
