@@ -206,9 +206,7 @@ def screen(problem: Problem, base: Fit, effects: Iterable[str], *, hopeless: flo
         short = max(0.0, t.held_loss - t.loss)  # at a bound, or not settled: what the linear look promises too much
         loo_loss = t.loo_loss + short / len(t.loo_loss)
         found.append(
-            Candidate(
-                t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss, promises[t.effect], t.stiffer
-            )
+            Candidate(t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss, promises[t.effect], t.stiffer)
         )
     return sorted(found, key=lambda c: c.total)
 
@@ -279,9 +277,7 @@ def _starts(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
     for choice in product(*(p.choices for p in logging)):
         own = {(effect, p.name): value for p, value in zip(logging, choice, strict=True)}
         layout = problem.parameters((*base.effects, effect), {**base.parameters.choices, **own})
-        found += [
-            _Trial(effect, layout, np.array(values), ratio) for values in product(*starts) for ratio in ratios
-        ]
+        found += [_Trial(effect, layout, np.array(values), ratio) for values in product(*starts) for ratio in ratios]
     return found
 
 
