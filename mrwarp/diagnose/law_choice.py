@@ -261,7 +261,7 @@ def _eq_14(
 
 
 def _behind(search: LawSearch, found: Solution) -> Solution:
-    """A model with play or a spring before its shaft, where that predicts better."""
+    """A model with play and a spring before its shaft, as far as each predicts better."""
     best = found
     for name in YIELDING:
         if name in found.layout.effects:
@@ -273,7 +273,7 @@ def _behind(search: LawSearch, found: Solution) -> Solution:
         trials = [np.where(np.arange(len(x)) == own, np.log(v), x) for v in starts(layout.ranges)]
         start = min(trials, key=lambda trial: search.evaluate(layout, trial).loss)
         best = min(best, search.descend(layout, start), key=_error)
-    return best
+    return best if best is found else _behind(search, best)
 
 
 def _without_zeros(problem: Problem, found: Solution, names: Sequence[str]) -> tuple[Problem, dict[str, float]]:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose.data_checks import gaps
-from mrwarp.diagnose.law_choice import LawChoice
+from mrwarp.diagnose.law_choice import LawChoice, choose_law
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.result import Diagnosis
+from mrwarp.diagnose.screening import screen
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.recording.load import Recording, Trajectory
 from mrwarp.sysid.settings import Effort, Law, Settings
+from tests.diagnose import known
 from tests.identify.test_law_fit import TRUTH, kwok_damper
 
 
@@ -90,6 +92,18 @@ def test_a_zero_that_drifts_within_runs_is_noted() -> None:
     [note] = [text for text in found.notes if "drifts" in text]
     size = re.search(r"line in time, (\S+) N·m from its begin to its end \(up in 6 of 6\)", note)
     assert size is not None and float(size[1]) == pytest.approx(0.6, rel=0.15)
+
+
+def test_play_and_a_spring_make_no_other_law() -> None:
+    """Alone a law with a sharper corner does what they do; next to them it does not, and eq. 15 is kept."""
+    hidden = {"series_compliance": {"compliance": 0.2}, "backlash": {"half_gap": 0.06}}
+    problem = known.problem(hidden, seed=3, sigma=0.01, at=known.motion(3, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    choice, _, kept = choose_law(
+        problem, base, screen(problem, base, ["current_saturation"]), list("012345"), log=lambda text: None
+    )
+    assert choice is not None and choice.held_out["bouc_wen_power"] < choice.held_out["bouc_wen"]
+    assert not choice.other and kept is base
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.problem import Problem, covariance, fit_model, interval, plain_fit, reported_fit
-from mrwarp.diagnose.screening import screen
+from mrwarp.diagnose.screening import Models, screen
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.replay import EffectReplay
@@ -146,6 +146,18 @@ def test_first_look_finds_what_was_hidden(effect: str) -> None:
     assert possible > 100.0, "the hidden effect is too weak to test anything"
     assert gains[effect] > 0.8 * possible
     assert gains[effect] > max(gains.values()) - 0.1 * possible
+
+
+@pytest.mark.parametrize("half_gap", [None, 0.06])
+def test_first_look_at_a_spring_takes_the_device_for_stiffer(half_gap: float | None) -> None:
+    """A baseline has a softer loop in the spring's place; the look promises what the fit then gives."""
+    hidden = {"series_compliance": {"compliance": 0.2}} | ({"backlash": {"half_gap": half_gap}} if half_gap else {})
+    problem = known.problem(hidden, seed=3, sigma=0.01, at=known.motion(3, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    (look,) = screen(problem, base, ["series_compliance"])
+    fit = Models(problem, base).grown(base, look)
+    assert base.total - look.total > 0.8 * (base.total - fit.total) > 0.3 * base.total
+    assert look.stiffer > 1.0
 
 
 def test_first_look_at_clean_data_promises_little() -> None:
