@@ -19,7 +19,7 @@ KEYS = {
 
 
 @pytest.fixture(scope="module")
-def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def answer(few_trees: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder that the command wrote for 8 trajectories of 4 s with a strong coil lag."""
     folder = tmp_path_factory.mktemp("command")
     write_case(make_case(kind="coil_lag", level=1.5, seed=5, size="small"), folder / "data")

@@ -11,6 +11,7 @@ from mrwarp.diagnose.problem import Problem, reported_fit
 from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
 
+pytestmark = pytest.mark.usefixtures("few_trees")
 HIDDEN = {"rotor_inertia": {"inertia": 0.01}}
 
 

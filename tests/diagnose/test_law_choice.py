@@ -20,7 +20,7 @@ from tests.identify.test_law_fit import TRUTH, kwok_damper
 
 
 @pytest.fixture(scope="module")
-def foreign() -> tuple[Recording, Diagnosis, Diagnosis]:
+def foreign(few_trees: None) -> tuple[Recording, Diagnosis, Diagnosis]:
     """Kwok's law, nothing hidden, a sensor whose zero moved from run to run; the verdict and the first answer."""
     recording, first = kwok_damper(zeros=60.0, runs=8), []
     few = Settings(effort=Effort(starts_on=1000, samples=1000))

@@ -73,9 +73,10 @@ def test_fit_recovers_an_effect_with_the_joint(effect: str) -> None:
     assert fit.loss.sum() == pytest.approx(fit.equations.count, abs=4.0 * np.sqrt(2.0 * fit.equations.count))
 
 
+@pytest.mark.usefixtures("few_trees")
 def test_a_logged_temperature_is_what_the_device_fades_with() -> None:
     """The fade per kelvin comes back, at the mean of the log; without a log that changes there is no such effect."""
-    at, effect = known.motion(3), "temperature_fade"
+    at, effect = known.motion(3, seconds=2.0), "temperature_fade"
     runs = np.searchsorted(at.start, np.arange(len(at.q)), side="right")
     temperature = 22.0 + 4.0 * np.random.default_rng(3).permutation(len(at.dt) + 1)[runs]  # of a room, in no order
     logged = known.recording(at, at.torque)

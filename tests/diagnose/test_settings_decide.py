@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import pytest
+
 import mrwarp
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.sysid.settings import Data, Gain, Settings
 from tests.diagnose import known
 
+pytestmark = pytest.mark.usefixtures("few_trees")
 HIDDEN = {"torque_sensor_lag": {"time_constant": 0.006}}
 
 

@@ -14,6 +14,7 @@ from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.load import Recording, Trajectory, load_recording
 
 DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[4] / "shared" / "data"))
+pytestmark = pytest.mark.usefixtures("few_trees")
 FAULTY = (1, 4, 5)
 
 

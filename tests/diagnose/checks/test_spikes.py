@@ -11,6 +11,7 @@ from mrwarp.diagnose.problem import Fit
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 
+pytestmark = pytest.mark.usefixtures("few_trees")
 INERTIA, FRICTION = 0.0098, 0.36
 
 
