@@ -21,7 +21,7 @@ from mrwarp.robot_logs.windows import Windows, cut_windows
 def squat(tmp_path_factory: pytest.TempPathFactory) -> RobotLog:
     """A log of squats, whose devices hold."""
     folder = tmp_path_factory.mktemp("squat")
-    record(LogCfg(robot="mr_go", motions=(("squat", 4.0),), policy=DEFAULT_POLICY, seed=3), folder)
+    record(LogCfg(robot="mr_go", motions=(("squat", 2.5),), policy=DEFAULT_POLICY, seed=3), folder)
     return load_log(folder)
 
 

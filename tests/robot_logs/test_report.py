@@ -137,7 +137,7 @@ def test_the_first_answer_names_what_descriptions_rarely_know(tmp_path: Path) ->
     def rubs(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[1] += 0.3
 
-    log = load_log(arm_log(tmp_path, seconds=4.0, change=rubs))
+    log = load_log(arm_log(tmp_path, seconds=3.0, change=rubs))
     [best] = robot_diagnosis.diagnose_log(tmp_path / "arm.xml", log, answered=lambda _: False).suspects
     assert best.name == "coulomb_friction" and best.reason.startswith("at elbow: ")
     assert best.parameters["torque"].value == pytest.approx(0.3, rel=1 / 3)

@@ -38,13 +38,13 @@ def half(number: Value) -> float:
 @pytest.fixture(scope="module")
 def healthy_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Log of an arm as described."""
-    return arm_log(tmp_path_factory.mktemp("healthy"), seconds=3.5)
+    return arm_log(tmp_path_factory.mktemp("healthy"), seconds=2.8)
 
 
 @pytest.fixture(scope="module")
 def late_arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RobotDiagnosis, dict[str, Any]]:
     """Log of an arm whose commands act 14 ms late, its diagnosis, and by function what was found before sizes."""
-    folder, found = arm_log(tmp_path_factory.mktemp("late"), seconds=3.5, late=0.014), {}
+    folder, found = arm_log(tmp_path_factory.mktemp("late"), seconds=2.8, late=0.014), {}
 
     def noted(name: str) -> Callable:
         taken = getattr(robot_diagnosis, name)
@@ -213,17 +213,17 @@ def test_commands_that_act_before_their_row_were_stamped_late(healthy_arm: Path)
 
 
 def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path) -> None:
-    """For 2.5 s something turns the elbow, whose torque is found to a tenth; no cause is blamed for it."""
+    """For 1.8 s something turns the elbow, whose torque is found to a tenth; no cause is blamed for it."""
 
     def gust(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:  # noqa: ARG001
-        return np.array([0.0, 0.6 * (3.0 < t < 5.5)])
+        return np.array([0.0, 0.6 * (1.8 < t < 3.6)])
 
-    d = _diagnosed(arm_log(tmp_path, seconds=8.0, seed=3, extra=gust))
+    d = _diagnosed(arm_log(tmp_path, seconds=5.0, seed=3, extra=gust))
     assert (d.verdict, d.causes) == ("unexplained", ())
     found = d.to_dict()["unexplained"]
     assert found["where"] == "elbow" and found["peak"][0] == pytest.approx(0.6, rel=0.1)
     assert [name for name, _, _ in found["when"]] == ["run0", "run1"]
-    assert found["when"][0][1:] == pytest.approx((3.0, 5.5), abs=0.61)  # windows of 0.6 s, whole ones
+    assert found["when"][0][1:] == pytest.approx((1.8, 3.6), abs=0.61)  # windows of 0.6 s, whole ones
     assert "outside the catalogue: a torque in elbow" in d.sentence
 
 
@@ -233,7 +233,7 @@ def test_friction_that_a_controller_compensates_is_told(tmp_path: Path) -> None:
     def helped(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:  # noqa: ARG001
         return np.array([0.0, 0.08 * np.tanh(v[1] / 0.02)])
 
-    d = _diagnosed(arm_log(tmp_path, seconds=3.5, extra=helped))
+    d = _diagnosed(arm_log(tmp_path, seconds=2.8, extra=helped))
     assert [(c.name, c.where) for c in d.causes] == [("coulomb_friction", "elbow")]
     # to a tenth of the friction that is described, whose constraint gives way otherwise in the truth
     assert d.causes[0].parameters["torque"].value == pytest.approx(-0.08, abs=0.1 * 0.1)

@@ -176,7 +176,7 @@ def test_how_well_feet_hold_is_told_where_they_slip(monkeypatch: pytest.MonkeyPa
         assert proposed is not None and proposed.settings == {"walk": 20.0}
 
 
-@pytest.mark.parametrize(("motion", "seconds", "slips"), [("squat", 4.0, False), ("walk", 2.0, True)])
+@pytest.mark.parametrize(("motion", "seconds", "slips"), [("squat", 2.5, False), ("walk", 2.0, True)])
 def test_feet_slip_in_a_walk_and_not_where_they_stand(tmp_path: Path, motion: str, seconds: float, slips: bool) -> None:
     """By the log's joints, trunk and load: feet that stay on the ground keep their relative places."""
     with contextlib.suppress(OSError):

@@ -25,7 +25,7 @@ from tests.robot_logs.arm_log import arm_log
 
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[RobotLog, list[tuple[float, ...]]]:
-    """Log of 4 s of walking with motion capture; time and what the devices remember, at each of the robot's steps."""
+    """Log of 3 s of walking with motion capture; time and what the devices remember, at each of the robot's steps."""
     folder, true, own = tmp_path_factory.mktemp("walked"), [], TrueRobot.advance
 
     def noted(robot: TrueRobot, seconds: float) -> None:
@@ -34,7 +34,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[RobotLog, list[tup
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(TrueRobot, "advance", noted)
-        walk = (("walk", 4.0),)
+        walk = (("walk", 3.0),)
         record(LogCfg(robot="mr_go", motions=walk, policy=DEFAULT_POLICY, seed=1, motion_capture=True), folder)
     return load_log(folder), true
 
@@ -54,8 +54,8 @@ def blind(log: RobotLog) -> RobotLog:
 
 
 def walked_with(folder: Path, *hide: str) -> tuple[RobotLog, ReplayModel, Windows]:
-    """Log of 4 s of walking of a robot with hidden effects, its replay model and its windows."""
-    cfg = LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1, hide=hide)
+    """Log of 2 s of walking of a robot with hidden effects, its replay model and its windows."""
+    cfg = LogCfg(robot="mr_go", motions=(("walk", 2.0),), policy=DEFAULT_POLICY, seed=1, hide=hide)
     with contextlib.suppress(OSError):
         record(cfg, folder)
     log = load_log(folder)

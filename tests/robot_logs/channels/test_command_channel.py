@@ -23,10 +23,12 @@ from tests.robot_logs.arm_log import heavy_arm
 SHARED = Path(__file__).resolve().parents[4] / "shared"
 
 
-def arm(folder: Path, *hide: str, tau: Literal["none", "measured"] = "none") -> tuple[ReplayModel, RobotLog]:
+def arm(
+    folder: Path, *hide: str, tau: Literal["none", "measured"] = "none", seconds: float = 6.0
+) -> tuple[ReplayModel, RobotLog]:
     """A held arm of three joints that goes to poses and rests there."""
     path = heavy_arm(folder)
-    record(LogCfg(robot=str(path), motions=(("steps", 10.0),), hide=hide, tau=tau, seed=5), folder / "log")
+    record(LogCfg(robot=str(path), motions=(("steps", seconds),), hide=hide, tau=tau, seed=5), folder / "log")
     log = load_log(folder / "log")
     return replay_model(path, log), log
 
@@ -34,7 +36,7 @@ def arm(folder: Path, *hide: str, tau: Literal["none", "measured"] = "none") -> 
 @pytest.fixture(scope="module")
 def healthy(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplayModel, RobotLog]:
     """That arm without a fault."""
-    return arm(tmp_path_factory.mktemp("healthy"))
+    return arm(tmp_path_factory.mktemp("healthy"), seconds=10.0)
 
 
 HAND = 4.5, 13.5

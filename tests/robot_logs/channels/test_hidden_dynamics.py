@@ -22,7 +22,7 @@ from tests.robot_logs.arm_log import arm_log, drawn_arm, heavy_arm
 def found(folder: Path, *hide: str, seed: int = 3) -> Hidden | None:
     """The hidden motion of an arm of three joints, whose numbers are drawn for any other seed."""
     arm = heavy_arm(folder) if seed == 3 else drawn_arm(folder, seed)
-    motions = (("chirp", 8.0), ("steps", 6.0))
+    motions = (("chirp", 8.0), ("steps", 3.0))
     record(LogCfg(robot=str(arm), motions=motions, hide=hide, seed=seed, tau="none"), folder / "log")
     log = load_log(folder / "log")
     return with_oscillator(replay_model(arm, log), log).hidden
