@@ -63,7 +63,7 @@ lint-rest: $(READY)
 	$(PY) -m mrwarp device page --only-check
 	$(PY) tools/plain_words.py
 	$(PY) tools/gallery.py --only-check
-	$(PY) -m pytest -q --noconftest tests/test_method_size.py
+	$(PY) tools/sizes.py
 	$(MAKE) docs
 
 # the pages as a site in build/site, with the reference from the code; a warning is an error, but unseen with --quiet; no network is needed

@@ -78,7 +78,7 @@ def test_null_changes_nothing(name: str) -> None:
     assert any(np.abs(getattr(acting, c) - getattr(base, c)).max() > 1e-6 for c in ("q", "qd", "torque"))
 
 
-STEPPED = ("backlash", "series_compliance")
+STEPPED = ("backlash", "series_compliance", "path_lag")
 """Effects whose truth is stepped through the fine grid at every strength that is tried."""
 
 

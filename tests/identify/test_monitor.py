@@ -68,4 +68,4 @@ def test_a_loss_of_yield_shows_in_full(tmp_path: Path) -> None:
 def test_no_more_records_than_the_baseline_are_refused() -> None:
     """Nothing could differ from it."""
     with pytest.raises(RecordingError, match="lower --baseline"):
-        monitor({"a": calibrations(1, 0.0, np.random.default_rng(0))[0]}, MonitorCfg(baseline=5))
+        monitor({"a": Recording(trajectories=())}, MonitorCfg(baseline=5))

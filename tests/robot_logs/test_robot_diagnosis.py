@@ -131,6 +131,7 @@ def test_torques_of_all_drives_together_cannot_be_known_in_the_air(
     assert float(note.split()[4]) == pytest.approx(1.0 / 0.85, abs=0.005 + 4.0 * error)
 
 
+@pytest.mark.slow
 def test_torques_of_all_drives_further_off_are_the_motors_strength(healthy_arm: Path) -> None:
     """The log says half the robot's gains: no masses of links are wrong by as much."""
     log = load_log(healthy_arm)
@@ -202,6 +203,7 @@ def test_causes_that_gain_nothing_or_cost_a_channel_are_not_named(
     assert not np.any(d.theta)
 
 
+@pytest.mark.slow
 def test_commands_that_act_before_their_row_were_stamped_late(healthy_arm: Path) -> None:
     """Their column stands 3 rows of 5 ms further down than it was given: no delay, for no command acts before it is."""
     log = load_log(healthy_arm)

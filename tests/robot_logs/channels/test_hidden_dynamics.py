@@ -39,7 +39,7 @@ def test_an_oscillator_resonates_at_its_frequency() -> None:
 
 @pytest.mark.parametrize(
     ("hide", "joint", "frequency"),
-    [("series_elasticity=j3:6", 2, 6.0), ("base_compliance=4", -1, 4.0)],
+    [("series_elasticity=j3:6", 2, 6.0), pytest.param("base_compliance=4", -1, 4.0, marks=pytest.mark.slow)],
 )
 def test_a_hidden_motion_is_found_with_its_frequency(hide: str, joint: int, frequency: float, tmp_path: Path) -> None:
     """Of a virtual robot with one hinge more; within a fifth, for a link's inertia changes with the pose."""
@@ -48,7 +48,7 @@ def test_a_hidden_motion_is_found_with_its_frequency(hide: str, joint: int, freq
     assert seen.frequency == pytest.approx(frequency, rel=0.2)
 
 
-@pytest.mark.parametrize("hide", ["", "command_delay=0.012"])
+@pytest.mark.parametrize("hide", [pytest.param("", marks=pytest.mark.slow), "command_delay=0.012"])
 def test_rigid_robots_hide_no_motion(hide: str, tmp_path: Path) -> None:
     """Healthy or with another fault, which its own cause explains."""
     assert found(tmp_path, *([hide] if hide else [])) is None
