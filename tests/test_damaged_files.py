@@ -162,24 +162,38 @@ KINDS = {
 }  # fmt: skip
 
 
+NONE = (b"", b"this is another file\n", bytes(range(256)) * 2, bytes(2000), b"\x80\x04}.", b"PK\x03\x04" + bytes(60))
+"""Nothing, a text, bytes, zeros, a pickle and the head of an archive."""
+
+
+def refusal(kind: Kind, path: Path) -> str:
+    """The message with which a file is refused, in one line with file and remedy; "" where it is read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            kind.read(path)
+    except kind.errors as error:
+        message = str(error)
+        assert str(path.parent) in message and REMEDY.search(message) and "\n" not in message, message
+        return message
+    finally:
+        assert list(path.parent.iterdir()) == [path]
+    return ""
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_a_damaged_file_is_read_or_refused(name: str, tmp_path: Path) -> None:
-    """No exception but the reader's own, one line that names file and remedy, and nothing is left in the folder."""
+    """No exception but the reader's own, and nothing is left in the folder; what is no such file is never read."""
     kind, rng = KINDS[name], random.Random(f"{name}/1")
     good, folder = kind.good(tmp_path), tmp_path / "input"
     folder.mkdir()
     path, refusals = folder / f"input{kind.suffix}", set()
     path.write_bytes(good)
     kind.read(path)
-    for case in range(kind.cases):
+    for data in NONE:
+        path.write_bytes(data)
+        assert refusal(kind, path), data
+    for _ in range(kind.cases):
         path.write_bytes(kind.damage(good, rng))
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                kind.read(path)
-        except kind.errors as error:
-            message = str(error)
-            assert str(folder) in message and REMEDY.search(message) and "\n" not in message, f"{case}: {message}"
-            refusals.add(message)
-        assert list(folder.iterdir()) == [path], case
-    assert refusals
+        refusals.add(refusal(kind, path))
+    assert refusals - {""}

@@ -151,15 +151,6 @@ def test_weights_in_another_file_are_refused(exported: Path, tmp_path: Path) -> 
     refusal(edited(exported, tmp_path / "p.onnx", change))
 
 
-@pytest.mark.parametrize("content", [b"", b"not an onnx model\n", bytes(range(256)), b"\x80\x04}.", None])
-def test_a_file_that_is_no_onnx_is_refused(exported: Path, tmp_path: Path, content: bytes | None) -> None:
-    """Text, random bytes, a pickle, nothing at all and half a policy are no model."""
-    path = tmp_path / "policy.onnx"
-    path.write_bytes(exported.read_bytes()[: exported.stat().st_size // 2] if content is None else content)
-    message = refusal(path)
-    assert "not a readable ONNX model" in message and "export it again" in message
-
-
 def meta(text: str) -> Any:
     """A change of a policy's metadata."""
     return lambda proto: helper.set_model_props(proto, {META: text})
