@@ -19,9 +19,9 @@ from mrwarp.resources import DEFAULT_POLICY, shipped_model
 from mrwarp.run_dir import claim
 
 
-@pytest.mark.parametrize("name", list(cli.COMMANDS))
-def test_every_command_answers_help(name: str, capsys: pytest.CaptureFixture) -> None:
-    """``mrwarp COMMAND --help`` prints its usage and ends with 0."""
+@pytest.mark.parametrize("name", [name for name in cli.COMMANDS if name not in dict(all_commands())])
+def test_a_group_of_commands_answers_help(name: str, capsys: pytest.CaptureFixture) -> None:
+    """``mrwarp asset --help`` prints its usage and ends with 0; ``test_every_option_is_explained`` asks the others."""
     assert cli.main([name, "--help"]) == 0
     assert "usage" in capsys.readouterr().out
 

@@ -1,4 +1,4 @@
-"""Sizes that stay small: folders, pages, settings, and numbers by which the method of identification decides.
+"""Sizes that stay small: folders, pages, stages, settings, numbers by which the method of identification decides.
 
 ``make lint`` runs it; each finding names place and limit. Ruff's PLR0912 and PLR0915 count branches and statements, its
 PLC0415 wants imports at the top of files, and import-linter knows who may import whom.
@@ -65,6 +65,25 @@ def of_code() -> Iterator[str]:
             yield f"mrwarp/{package}: {n} numbers at module level, {most} at most; make one a setting or take one out"
 
 
+def of_stages() -> Iterator[str]:
+    """Texts of progress whose first clause, a number put in as a word, is cut where it means nothing."""
+    from mrwarp.options.progress_bar import IN_FULL, STAGE_WORDS
+
+    for path in sorted((ROOT / "mrwarp").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and node.args and isinstance(node.func, ast.Name | ast.Attribute)):
+                continue
+            called = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+            given = node.args[0]
+            parts = given.values if isinstance(given, ast.JoinedStr) else [given]
+            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "0" for part in parts)
+            if called in ("log", "progress") and not text.startswith(IN_FULL):
+                stage = re.split(r"[:;]\s|\s\(|,\s", text)[0]
+                if len(stage.split()) > STAGE_WORDS:
+                    where = f"{path.relative_to(ROOT)}:{node.lineno}"
+                    yield f"{where}: {stage!r} has more than {STAGE_WORDS} words; end its first clause earlier"
+
+
 def of_pages() -> Iterator[str]:
     """Long pages, long releases, and a changelog that lacks this version, which CITATION.cff alone holds."""
     for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
@@ -81,6 +100,6 @@ def of_pages() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    findings = [*of_code(), *of_pages()]
+    findings = [*of_code(), *of_stages(), *of_pages()]
     print("\n".join(findings) or "sizes: within their limits")
     sys.exit(bool(findings))

@@ -1,6 +1,6 @@
 """The task's configuration: fresh objects, refusals with the value, derived times, and the variant for evaluation."""
 
-from dataclasses import FrozenInstanceError, fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,14 +24,6 @@ def test_ground_randomises_friction_and_kicks_alone() -> None:
     assert (ground.added_mass, ground.mr_scale, ground.gain_scale) == ((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))
     of_the_robot = {name: getattr(everything, name) for name in ("added_mass", "mr_scale", "gain_scale")}
     assert replace(ground, **of_the_robot) == everything
-
-
-def test_cfg_cannot_be_edited_in_place() -> None:
-    """A configuration is frozen; a variant is a copy."""
-    cfg = TaskCfg()
-    for field in fields(cfg):
-        with pytest.raises(FrozenInstanceError):
-            setattr(cfg, field.name, None)
 
 
 def test_a_learned_actuator_has_the_shipped_network_or_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,22 +1,18 @@
 """Progress of commands: stages in six words, estimates that do not jump, one line per stage without a terminal."""
 
-import ast
 import io
 import re
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mrwarp.diagnose.report.countdown import Countdown
-from mrwarp.options.progress_bar import IN_FULL, STAGE_WORDS, ProgressBar, stage_of
+from mrwarp.options.progress_bar import STAGE_WORDS, ProgressBar, stage_of
 from mrwarp.rl import progress as training
 from mrwarp.robot_logs.report import stages
-
-PACKAGE = Path(__file__).resolve().parents[2] / "mrwarp"
 
 
 class Terminal(io.StringIO):
@@ -164,26 +160,3 @@ def test_a_warning_of_a_device_is_printed_once() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stderr.splitlines().count("warning: too strong") == 1
-
-
-def first_clauses() -> list[tuple[str, str]]:
-    """File and first clause of each text that the package gives a log; a number put in counts as a word."""
-    found = []
-    for path in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not (isinstance(node, ast.Call) and node.args and isinstance(node.func, ast.Name | ast.Attribute)):
-                continue
-            called = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
-            given = node.args[0]
-            parts = given.values if isinstance(given, ast.JoinedStr) else [given]
-            text = "".join(str(p.value) if isinstance(p, ast.Constant) else "0" for p in parts)
-            if called in ("log", "progress") and not text.startswith(IN_FULL):
-                found.append((path.name, re.split(r"[:;]\s|\s\(|,\s", text)[0]))
-    return found
-
-
-def test_no_stage_is_cut_in_the_middle() -> None:
-    """A stage of more than six words would end where it means nothing, as "the misfit is larger than any"."""
-    stages_given = first_clauses()
-    assert len(stages_given) > 50
-    assert [(file, text) for file, text in stages_given if len(text.split()) > STAGE_WORDS] == []
