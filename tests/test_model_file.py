@@ -199,6 +199,7 @@ def test_damage_is_refused_with_path_key_and_remedy(tmp_path: Path, change: Call
 @pytest.mark.parametrize(
     ("raw", "words"),
     [
+        (None, r"model.json: .*give the model.json"),
         (b"", "not JSON"),
         (b"\x80\x04model", "not JSON"),
         (b"[" * 100_000, "not JSON"),
@@ -208,15 +209,10 @@ def test_damage_is_refused_with_path_key_and_remedy(tmp_path: Path, change: Call
         (b" " * (2**20 + 1), "a model file has at most"),
     ],
 )
-def test_files_that_are_no_model_are_refused(tmp_path: Path, raw: bytes, words: str) -> None:
-    """Empty, binary (a pickle), deeply nested, listed, doubled and huge files get one clear error."""
+def test_files_that_are_no_model_are_refused(tmp_path: Path, raw: bytes | None, words: str) -> None:
+    """Missing, empty, binary (a pickle), deeply nested, listed, doubled and huge files get one clear error."""
     path = tmp_path / "model.json"
-    path.write_bytes(raw)
+    if raw is not None:
+        path.write_bytes(raw)
     with pytest.raises(ModelFileError, match=words):
         load_model(path)
-
-
-def test_missing_file_is_named(tmp_path: Path) -> None:
-    """A path that does not exist is named with the remedy."""
-    with pytest.raises(ModelFileError, match=r"nowhere.json: .*give the model.json"):
-        load_model(tmp_path / "nowhere.json")

@@ -47,7 +47,11 @@ def posed(recording: Recording) -> Problem:
 
 @pytest.mark.parametrize(
     ("lines", "lag"),
-    [(LINES, 0.12), ({5: 0.22, 10: 0.20, 20: 0.14, 40: 0.10}, 0.08), ({7: 0.20, 14: 0.17, 21: 0.16, 9: 0.14}, 1e-4)],
+    [
+        (LINES, 0.12),
+        pytest.param({5: 0.22, 10: 0.20, 20: 0.14, 40: 0.10}, 0.08, marks=pytest.mark.slow),
+        ({7: 0.20, 14: 0.17, 21: 0.16, 9: 0.14}, 1e-4),
+    ],
 )
 def test_each_line_that_predicts_is_found_through_the_lag_of_a_drive(lines: dict[int, float], lag: float) -> None:
     """Lines of which one or two stand out, and the lag of the reported current, if any; what is left is the noise.

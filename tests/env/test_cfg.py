@@ -9,14 +9,6 @@ from mrwarp.env.cfg import TaskCfg, make_play_cfg
 from mrwarp.env.config.mdp_cfg import RandomizeCfg, make_randomize_cfg
 
 
-def test_two_tasks_are_equal_but_separate_objects() -> None:
-    """Two calls share no nested object, so that no variant can change another."""
-    first, second = TaskCfg(), TaskCfg()
-    assert first == second
-    for name in ("solver", "commands", "noise", "randomize", "rewards"):
-        assert getattr(first, name) is not getattr(second, name), name
-
-
 def test_ground_randomises_friction_and_kicks_alone() -> None:
     """Mass, devices and gains are nominal; everything else is as with all."""
     ground, everything = make_randomize_cfg("ground"), make_randomize_cfg("all")

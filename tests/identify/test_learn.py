@@ -105,13 +105,6 @@ def test_learn_refuses_mixed_rates_and_too_few_trajectories() -> None:
         learn.learn(Recording(trajectories=a.trajectories[:1]), kind="lstm", cfg=QUICK)
 
 
-def test_predict_refuses_another_rate() -> None:
-    """A model of 200 Hz data does not predict data of 100 Hz."""
-    learned = learn.learn(make_recording(4, seed=5), kind="mlp", cfg=replace(QUICK, epochs=1))
-    with pytest.raises(SamplingRateError, match="200 Hz and cannot run at 100 Hz"):
-        learn.predict(learned.model, make_recording(1, seed=6, dt=0.01))
-
-
 def test_learn_command_writes_model_curves_and_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Bench data in, four files out; the file's prediction is what the result says; the table is printed."""
     data, out = tmp_path / "data", tmp_path / "out"
@@ -137,8 +130,9 @@ def test_learn_command_writes_model_curves_and_result(tmp_path: Path, capsys: py
 
 
 def test_residual_on_another_physical_model() -> None:
-    """With a baseline of its own the residual is learned, to a twentieth, and predicted on it; it is needed again."""
+    """With a baseline of its own the residual is learned, to a twentieth, and predicted on it, at the same rate."""
     recording, evaluation = make_recording(6, seed=10), make_recording(2, seed=11, current=1.0)
+    slower = make_recording(1, seed=6, dt=0.01)
 
     def baseline(part: Recording) -> list[np.ndarray]:
         return [run.torque - 2.0 for run in part.trajectories]
@@ -148,6 +142,8 @@ def test_residual_on_another_physical_model() -> None:
     assert learn.summary(learn.errors(tau, evaluation))["average"] < 2.0 / 20.0
     with pytest.raises(ValueError, match="give its torque as baseline"):
         learn.predict(learned.model, evaluation)
+    with pytest.raises(SamplingRateError, match="200 Hz and cannot run at 100 Hz"):
+        learn.predict(learned.model, slower, baseline(slower))
 
 
 def test_a_turned_torque_is_refused(tmp_path: Path, refused: Refused) -> None:

@@ -229,6 +229,7 @@ def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path)
     assert "outside the catalogue: a torque in elbow" in d.sentence
 
 
+@pytest.mark.slow
 def test_friction_that_a_controller_compensates_is_told(tmp_path: Path) -> None:
     """The compensation of 80 % of the elbow's friction stands in no command."""
 

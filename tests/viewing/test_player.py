@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from mrwarp.cli import main
 from mrwarp.commands import run_play as play_cli
 from mrwarp.commands.run_play import Play
-from mrwarp.env.cfg import PlantCfg, TaskCfg
+from mrwarp.env.cfg import TaskCfg
 from mrwarp.env.config.mdp_cfg import TerrainCfg
 from mrwarp.env.observations import actor_terms
 from mrwarp.options.command_line import CommandLine, parse
@@ -23,7 +23,6 @@ from mrwarp.resources import DEFAULT_POLICY, META
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.task_record import record
 from mrwarp.trials.walking import make_env, measure
-from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.live_view import Player, open_sink
 from mrwarp.viewing.viewer import Viewer, free_port
 from tests.messages import Refused
@@ -97,13 +96,6 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, refused: Re
     error = refused("play", *(arg.format(**names) for arg in args), *outputs)
     assert all(part.format(**names) in error for part in parts), error
     assert sorted(tmp_path.iterdir()) == before and text.read_text() == "no policy\n"
-
-
-def test_defaults() -> None:
-    """By default four robots walk at 0.5 m/s for 10 s on the CPU."""
-    options = parse(Play, ["--agent", "zero"], "mrwarp play")
-    assert (options.speed, options.seconds) == (0.5, 10.0)
-    assert options.plant == PlantCfg(num_envs=4) and options.plant.currents == CURRENT_GROUPS
 
 
 def test_a_policy_is_played_as_it_was_trained_unless_an_option_says_else() -> None:

@@ -248,11 +248,15 @@ def test_an_interrupted_training_is_not_finished(runs: Path, tmp_path: Path) -> 
     assert len(collect(cfg, runs, tmp_path / "policies")) == 1
 
 
-def test_nothing_is_collected_when_a_file_is_missing(runs: Path, tmp_path: Path) -> None:
-    """The second policy is gone: the first is not written either."""
+def test_what_is_not_whole_is_not_collected(runs: Path, tmp_path: Path) -> None:
+    """A training that was not begun, or whose policy is gone: the one before it is not written either."""
     (runs / name("bouc_wen", 0) / "policy.onnx").unlink()
-    with pytest.raises(FileNotFoundError, match=r"bouc_wen_seed0.*policy\.onnx"):
-        collect(CFG, runs, tmp_path / "policies")
+    for folder, said in (
+        (tmp_path / "none", r"conventional_seed0: not finished \(0 of 2 updates\)"),
+        (runs, r"bouc_wen_seed0.*policy\.onnx"),
+    ):
+        with pytest.raises(FileNotFoundError, match=said):
+            collect(CFG, folder, tmp_path / "policies")
     assert not (tmp_path / "policies").exists()
 
 
@@ -290,13 +294,6 @@ def test_policy_that_another_process_trains_is_left_out(tmp_path: Path) -> None:
         assert not train(replace(CFG, plants=(CONVENTIONAL,)), tmp_path, report=lines.append)
     assert "another run writes here" in lines[-1]
     assert list(run.iterdir()) == []
-
-
-def test_unfinished_training_is_not_collected(tmp_path: Path) -> None:
-    """The message names the run and how far it is."""
-    with pytest.raises(FileNotFoundError, match=r"conventional_seed0: not finished \(0 of 2 updates\)"):
-        collect(CFG, tmp_path, tmp_path / "policies")
-    assert not policy_file(tmp_path / "policies", CONVENTIONAL, 0).exists()
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"iterations": 2}', "{"])
