@@ -12,7 +12,7 @@ from mrwarp.params import MrParams
 P = MrParams()
 BW = P.bouc_wen
 DT = LOG_DT / SUBSTEPS
-SAMPLES = 500
+SAMPLES = 350
 TIME = np.arange(SAMPLES * SUBSTEPS) * DT
 T = TIME[::SUBSTEPS]
 OMEGA, AMPLITUDE = 2.0 * np.pi * 1.25, 0.5
@@ -245,9 +245,9 @@ def test_a_spring_behind_play_unwinds_before_the_play_opens():
     """Steep flanks: the way of a reversal is that of the open play and twice the spring's, c times the torque."""
     steep = P.replace(B=0.0, D=0.0, I1=0.0, C=0.0, alpha=0.0, beta=400.0, gamma=0.0)
     gap, compliance = 0.02, 1.0
-    log = run({"backlash": gap, "series_compliance": compliance}, steep, q=Q[: 320 * SUBSTEPS])
+    log = run({"backlash": gap, "series_compliance": compliance}, steep)
     q, torque = log.q[:, 0], log.torque[:, 0]
-    last = T[:320] > T[319] - 0.8  # a whole period
+    last = T > T[-1] - 0.8  # a whole period
     full = np.abs(torque[last]).max()
     for rising in (True, False):
         side = last & ((np.gradient(q) > 0.0) == rising)
