@@ -63,17 +63,7 @@ def test_bare_numbers_of_effects_take_the_units_of_the_catalogue() -> None:
     loaded = model_from_dict(content)
     assert {e.name: e.values for e in loaded.effects} == laws
     found = [p for e in loaded.effects for p in e.parameters.values()]
-    assert [p.unit for p in found] == [
-        "s",
-        "kN·s/(mm·V)",
-        "1/V",
-        "kN·s²/mm",
-        "1/s",
-        "",
-        "1/(kN·mm)",
-        "1/(kN·mm)",
-        "s",
-    ]
+    assert [p.unit for p in found] == "s|kN·s/(mm·V)|1/V|kN·s²/mm|1/s||1/(kN·mm)|1/(kN·mm)|s".split("|")
     assert all(p.ci95 is None for p in found)
     assert model_from_dict(model_to_dict(loaded)) == loaded
 

@@ -109,18 +109,7 @@ def test_clean_bench_is_what_the_simulator_replays():
 def test_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Recordings that load, header with effects, strength and seed, result, picture, table."""
     out = tmp_path / "bench"
-    given = [
-        "--out",
-        str(out),
-        "--seed",
-        "7",
-        "--trajectories",
-        "4",
-        "--samples",
-        "1200",
-        "--evaluation-samples",
-        "240",
-    ]
+    given = f"--out {out} --seed 7 --trajectories 4 --samples 1200 --evaluation-samples 240".split()
     assert main(["bench", *given, "--scale-effects", "0", "--effect", "coil_lag=0.03", "--no-progress"]) == 0
     assert "coil_lag" in capsys.readouterr().out
     fit, evaluation = load_recording(out / "fit"), load_recording(out / "evaluation")

@@ -57,18 +57,6 @@ def test_runs_that_each_begin_at_zero_say_nothing_of_drifts_between_them() -> No
         (changed(good(), torque=lambda run: 0.02 * np.sin(7e4 * run.t**2)), "torque does not follow"),
         (changed(good(), torque=lambda run: -run.torque), "drives the motion"),
     ],
-    ids=[
-        "one run",
-        "two runs",
-        "6 s",
-        "50 Hz",
-        "at rest",
-        "clipped",
-        "clipped at peaks",
-        "constant torque",
-        "torque of something else",
-        "turned torque",
-    ],
 )
 def test_a_reason_without_a_verdict_is_named_with_a_remedy(recording: Recording, words: str) -> None:
     """The reason says what is wrong, with its number, and which recording to make."""

@@ -75,19 +75,7 @@ def test_every_channel_of_the_contract_is_read(name: str, tmp_path: Path) -> Non
     log = load_log(write(tmp_path, header, columns, name))
     (run,) = log.runs
     assert run.id == "one" and run.t[0] == 0.0 and run.dt == pytest.approx(0.005, abs=STAMP)
-    assert set(run.joint) == {
-        "q",
-        "q_des",
-        "qd",
-        "qd_des",
-        "tau_ff",
-        "tau",
-        "kp",
-        "kd",
-        "current",
-        "current_cmd",
-        "temperature",
-    }
+    assert set(run.joint) == {*"q q_des qd qd_des tau_ff tau kp kd current current_cmd temperature".split()}
     assert np.isnan(run.joint["current"][:, 0]).all() and (run.joint["current"][:, 1] == 0.5).all()
     assert {k: v.shape[1] for k, v in run.base.items()} == {"quat": 4, "gyro": 3, "acc": 3, "pos": 3, "vel": 3}
     assert list(run.feet) == ["left"] and run.battery is not None and run.battery[0] == 29.0
