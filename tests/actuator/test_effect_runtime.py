@@ -1,5 +1,7 @@
 """Effects in the simulator's actuator: the path of the diagnosis, nothing without effects, states by environment."""
 
+import functools
+
 import numpy as np
 import pytest
 import warp as wp
@@ -130,6 +132,12 @@ def simulated(effects: tuple[Effect, ...]) -> tuple[np.ndarray, np.ndarray, np.n
     return tau, command, heat
 
 
+@functools.cache
+def plainly() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As :func:`simulated`, by an effect that does nothing."""
+    return simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
+
+
 def mean_current(command: np.ndarray, lag: float) -> np.ndarray:
     """Mean over each step of the current that follows a held command with a first-order lag, from 0 A."""
     kept, begin, means = np.exp(-DT / lag), 0.0, []
@@ -195,7 +203,7 @@ def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
     """Along a prescribed motion each effect, and all together, gives the torque of the kernel that names it."""
     effects = tuple(massless(name) for name in names)
     tau, command, heat = simulated(effects)
-    plain, _, _ = simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
+    plain, _, _ = plainly()
     want = replayed(effects, command, heat)
     assert np.abs(tau - plain).max() > 0.02 * np.abs(want).max(), "the effect is too weak to test anything"
     assert_same_torque(tau, want, names)
@@ -204,7 +212,7 @@ def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
 def test_a_gear_carries_what_accelerates_the_load_behind_it() -> None:
     """F1*|u + J*a| with the acceleration of the last two steps."""
     strength = {"F1": 0.1, "speed": 0.05}
-    plain, current, _ = simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
+    plain, current, _ = plainly()
     rubs = simulated((make_effect("load_friction", strength),))[0] - plain
     found = simulated((make_effect("load_friction", {**strength, "inertia": 0.02}),))[0] - plain
     _, qd, _ = motion(4.0)

@@ -19,8 +19,9 @@ def recording(seed: int = 50):
     return known.recording(at, known.problem(HIDDEN, seed=seed, at=at).motion.torque)
 
 
+@pytest.mark.slow
 def test_a_cause_becomes_a_suspect_where_a_proof_needs_more() -> None:
-    """The lag is named by default."""
+    """The lag is named by default; ``test_proof`` has the settings of a proof one by one."""
     for gain, named in ((Gain(), True), (Gain(one_error=10.0), False)):
         d = diagnose(recording(), effects=list(HIDDEN), settings=replace(known.QUICK, gain=gain))
         found = [cause.name for cause in d.causes], [suspect.name for suspect in d.suspects]

@@ -58,18 +58,21 @@ MESH_WHEEL = body(
 RIM = mesh_asset("rim", trimesh.creation.cylinder(0.07, 0.03, sections=24))
 
 
-@pytest.mark.parametrize("shape", ["cylinder", "mesh"])
-@pytest.mark.parametrize("motors", [True, False])
-def test_wheels_are_held_and_that_is_said(file: Callable[..., Path], shape: str, motors: bool) -> None:
+@pytest.mark.parametrize(
+    ("shape", "motors", "unlimited"),
+    [("cylinder", True, ()), ("cylinder", False, ()), ("cylinder", True, ("*_spin",)), ("mesh", True, ())],
+)
+def test_wheels_are_held_and_that_is_said(
+    file: Callable[..., Path], shape: str, motors: bool, unlimited: tuple[str, ...]
+) -> None:
     """No ankle is made of them, whether they have motors or the user calls them unlimited."""
     wheel, head = (WHEEL.replace("wheel", "tyre"), "") if shape == "cylinder" else (MESH_WHEEL, RIM)
     inner = "".join(leg(name, *at, shank=wheel.replace("{}", name)) for name, at in PLACES.items())
     path = file(inner, head=head, passive="nothing" if motors else "_spin")
-    for choices in (Choices(), Choices(unlimited=("*_spin",))):
-        found = understand(read_robot(path), choices)
-        assert legs_of(found)["FL"] == ("FL_roll", "FL_pitch", "FL_knee") and len(found.layout.joints) == 12
-        text = "wheels are not simulated: FR_spin, FL_spin, RR_spin and others are held"
-        assert any(text in note for note in found.notes), found.notes
+    found = understand(read_robot(path), Choices(unlimited=unlimited))
+    assert legs_of(found)["FL"] == ("FL_roll", "FL_pitch", "FL_knee") and len(found.layout.joints) == 12
+    text = "wheels are not simulated: FR_spin, FL_spin, RR_spin and others are held"
+    assert any(text in note for note in found.notes), found.notes
 
 
 def test_what_spins_above_the_ground_is_no_wheel(file: Callable[..., Path]) -> None:

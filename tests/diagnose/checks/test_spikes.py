@@ -44,6 +44,7 @@ def test_a_strong_effect_is_no_spike() -> None:
     assert sum(spikes.per_trajectory.values()) == spikes.samples and not spikes.known[where].any()
 
 
+@pytest.mark.slow
 def test_the_device_is_found_without_its_spikes() -> None:
     """Inertia as without them; they are counted and noted, not repeatable, and in no figure of error."""
     found = diagnose(motor(0.015), effects=("rotor_inertia",), settings=known.QUICK)
