@@ -47,19 +47,14 @@ class Window(nn.Module):
         return self.net(window.transpose(1, 2)).squeeze(1)
 
 
-def in_torch(model, **choices) -> LearnedTorque:
-    """A learned torque that torch evaluates."""
-    return LearnedTorque(model, dt=DT, engine=ResidualEngine.TORCH, **choices)
-
-
 @pytest.mark.parametrize("lstm_state", list(LstmState))
 @pytest.mark.parametrize("kind", KINDS)
 def test_torch_gives_the_torques_of_the_kernels(kind: str, lstm_state: LstmState) -> None:
     """The paper's networks in the loop, with a reset midway: to rounding; and the same bits when it is repeated."""
     model, motion = make_model(kind, seed=40), make_motion(4, 120, seed=41)
     torques, opened = [], None
-    for make in (lambda **c: LearnedTorque(model, dt=DT, **c), lambda **c: in_torch(model, **c)) * 2:
-        loop = Loop(4, make(lstm_state=lstm_state))
+    for engine in (ResidualEngine.KERNELS, ResidualEngine.TORCH, ResidualEngine.TORCH):
+        loop = Loop(4, LearnedTorque(model, dt=DT, engine=engine, lstm_state=lstm_state))
         loop.inputs.q.assign(motion["q"][0].astype(np.float32))
         loop.actuator.reset()
         first = loop.run(motion, 0, 70)
@@ -68,7 +63,7 @@ def test_torch_gives_the_torques_of_the_kernels(kind: str, lstm_state: LstmState
         torques.append(np.concatenate([first["tau_dyn"], rest["tau_dyn"]]))
         opened = np.concatenate([first["m_dyn"], rest["m_dyn"]])
     assert opened is not None and 0.2 < opened.mean() < 0.8
-    kernels, by_torch, _, again = torques
+    kernels, by_torch, again = torques
     np.testing.assert_allclose(by_torch, kernels, rtol=0.0, atol=ROUNDING)
     np.testing.assert_array_equal(again, by_torch)
 

@@ -14,8 +14,7 @@ WORDS = {"FR": "motor_front_right", "FL": "motor_front_left", "RR": "motor_rear_
 AXES = {"x": lambda x, y: (x, y), "-x": lambda x, y: (-x, -y), "y": lambda x, y: (-y, x), "-y": lambda x, y: (y, -x)}
 
 
-@pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize("words", [True, False])
+@pytest.mark.parametrize(("axis", "words"), [*((axis, True) for axis in AXES), ("-x", False)])
 def test_names_say_where_it_looks(file: Callable[..., Path], axis: str, words: bool) -> None:
     """A note with the option where names and geometry differ; none with that option."""
     inner = "".join(leg(WORDS[name] if words else name, *AXES[axis](*at)) for name, at in PLACES.items())
