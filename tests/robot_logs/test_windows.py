@@ -41,9 +41,9 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[RobotLog, list[tup
 
 @pytest.fixture(scope="module")
 def stood(tmp_path_factory: pytest.TempPathFactory) -> RobotLog:
-    """Log of 4 s of standing with motion capture."""
+    """Log of 3 s of standing with motion capture."""
     folder = tmp_path_factory.mktemp("stood")
-    record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1, motion_capture=True), folder)
+    record(LogCfg(robot="mr_go", motions=(("stand", 3.0),), seed=1, motion_capture=True), folder)
     return load_log(folder)
 
 
