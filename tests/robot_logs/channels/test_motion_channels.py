@@ -8,21 +8,17 @@ import numpy as np
 import pytest
 
 from mrwarp.robot_logs.channels.motion_channels import one_motion
+from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import LogError, LogRun, RobotLog, load_log
-from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.sysid.settings import Settings
-from tests.robot_logs.arm_log import heavy_arm
 
 Change = Callable[[LogRun], LogRun]
 
 
-@pytest.fixture(scope="module")
-def healthy(tmp_path_factory: pytest.TempPathFactory) -> RobotLog:
+@pytest.fixture
+def healthy(measured: tuple[ReplayModel, RobotLog]) -> RobotLog:
     """A held arm of three joints, with the noise of its sensors."""
-    folder = tmp_path_factory.mktemp("healthy")
-    motions = (("chirp", 5.0), ("slow", 5.0))
-    record(LogCfg(robot=str(heavy_arm(folder)), motions=motions, tau="none", seed=5), folder / "log")
-    return load_log(folder / "log")
+    return measured[1]
 
 
 def changed(log: RobotLog, change: Change) -> RobotLog:

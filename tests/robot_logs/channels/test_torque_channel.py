@@ -11,20 +11,8 @@ from mrwarp.robot_logs.channels.joint_torque import gravity_along, torques_along
 from mrwarp.robot_logs.channels.torque_channel import consistent, regressed
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog, load_log
-from mrwarp.robot_logs.virtual.record_log import LogCfg, record
-from tests.robot_logs.arm_log import heavy_arm
 
 CASES = Path(__file__).resolve().parents[4] / "shared" / "cases" / "torque_channel"
-
-
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplayModel, RobotLog]:
-    """A held arm of three joints whose drives measure their torque."""
-    folder = tmp_path_factory.mktemp("measured")
-    arm = heavy_arm(folder)
-    record(LogCfg(robot=str(arm), motions=(("chirp", 5.0), ("slow", 5.0)), tau="measured", seed=5), folder / "log")
-    log = load_log(folder / "log")
-    return replay_model(arm, log), log
 
 
 def read_as(log: RobotLog, change: Callable[[np.ndarray], np.ndarray]) -> RobotLog:
