@@ -167,7 +167,10 @@ def test_feedforward_and_target_velocity() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        *(({name: -3.0}, r"K1 = -3 is out of range; allowed: 0 to 1e\+15") for name in ("K1", "mr:k1", "newton:mr:K1")),
+        *(
+            ({name: -3.0}, r"K1 = -3 is out of range; allowed: 0 to 1e\+15 N·m/\(rad·A\)")
+            for name in ("K1", "mr:k1", "newton:mr:K1")
+        ),
         ({"K11": 1.0}, "did you mean 'K1'"),
         ({"coupling": "hard"}, "coupling = 'hard'; allowed: 'explicit', 'constraint'"),
     ],
