@@ -39,7 +39,7 @@ from mrwarp.sysid.left_out import left_out
 from mrwarp.sysid.pieces import Pieces, Quadratic
 from mrwarp.sysid.settings import Settings
 
-_STIFFER = 4.0
+STIFFER = 4.0
 """Factor of the stiffness from which a device behind play or a spring is fitted again."""
 
 
@@ -288,7 +288,7 @@ def _as_stiff(problem: Problem, fit: Fit) -> Fit:
     and go between samples roughen the loss.
     """
     while set(YIELDING) & set(fit.effects) and not fit.parameters.law:
-        x = stiffer(fit.x, _STIFFER)
+        x = stiffer(fit.x, STIFFER)
         if (x > fit.parameters.high).any():
             break
         stiff = fit_model(problem, fit.parameters, x)

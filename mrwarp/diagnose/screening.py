@@ -13,7 +13,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model, reported_fit, stiffer, with_lines
+from mrwarp.diagnose.problem import STIFFER, Fit, Problem, fit_model, reported_fit, stiffer, with_lines
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.normal_equations import losses
@@ -28,8 +28,6 @@ _LINES = 2
 """Lines of the mismatch over the angle that are starts."""
 _REFINE = 6
 """Steps of improvement."""
-_STIFFER = (1.0, 3.0, 10.0)
-"""Stiffness of a device behind play or a spring, over that without: there its loop is softer, in their place."""
 
 
 @dataclass(frozen=True)
@@ -271,7 +269,8 @@ def _starts(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
         given = slot.parameter.starts
         values = (slot.neutral(ranges),) if given is None else given(ranges)
         starts.append([float(np.log(v)) for v in values] if given and slot.logarithmic else values)
-    found, ratios = [], _STIFFER if _gives_way(base, effect) else (1.0,)
+    # without play or a spring the device is softer, in their place
+    found, ratios = [], [STIFFER**k for k in range(3 if _gives_way(base, effect) else 1)]
     if lines := _lines(problem, base, effect):
         return lines
     for choice in product(*(p.choices for p in logging)):
