@@ -379,6 +379,7 @@ def _found(models: Models, session: _Session, method: Method, log: Progress) -> 
         return judged, judged.rejected
     selection, rejected = select_proven(models, session.screened, log)
     left = {rejection.effect for rejection in rejected}
+    log("causes against nameless structure")
     judged = judged_by_evidence(models, selection, [c for c in session.screened if c.effect not in left], log)
     return judged, rejected + judged.rejected
 

@@ -6,11 +6,12 @@ from mrwarp.options.progress_bar import ProgressBar
 
 _BEGINS = {
     "eqs. 14": 0.01,
-    "noise": 0.03,
-    "candidates": 0.16,
-    "noise without": 0.25,
-    "refining": 0.35,
-    "pairs": 0.48,
+    "noise": 0.02,
+    "candidates": 0.05,
+    "noise without": 0.15,
+    "refining": 0.19,
+    "pairs": 0.23,
+    "nameless structure": 0.41,
     "what repeats": 0.85,
     "smallest sizes": 0.93,
     "next experiment": 0.94,
