@@ -44,6 +44,7 @@ AIR = (("chirp", 8.0), ("slow", 8.0))
 
 SIZES: dict[str, tuple[str, str]] = {
     "trunk_mass": ("trunk", "1.0"), "trunk_com": ("trunk", "-0.03"), "link_mass": ("calf", "0.15"),
+    "link_com": ("calf", "0.01,0,0"),
     "link_length": ("calf", "0.015"), "rotor_inertia": ("joint", "0.01"), "coulomb_friction": ("joint", "0.8"),
     "viscous_friction": ("joint", "0.2"), "stribeck": ("joint", "1.0"), "backlash": ("joint", "0.015"),
     "motor_strength": ("joint", "0.85"), "torque_limit": ("calf joint", "10.0"), "kp": ("joint", "0.8"),

@@ -210,7 +210,7 @@ def scored(likelihood: Likelihood, parameters: Sequence[Parameter], hypotheses: 
         return []
     now = scores(posterior(likelihood, parameters, []), hypotheses, parameters)
     least = [min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in hypotheses]
-    large = np.flatnonzero(np.abs(now.size) >= least)
+    large = np.flatnonzero(np.abs(now.size) >= least).tolist()
     return [Found(hypothesis=hypotheses[k], z=float(now.z[k]), alternatives=()) for k in large]
 
 

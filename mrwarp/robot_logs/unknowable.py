@@ -46,6 +46,11 @@ TURNED = (
 )
 """Axes of an inertial unit, which no comparison of its own readings shows."""
 
+ON_FEET = (
+    "link_com: not looked for on a free robot, whose feet say less of it; hold the trunk and swing the link slowly"
+)
+"""Where a link's weight sits, which is tried on held robots."""
+
 HALVED = 5
 """Times that the range is halved in which the friction lies that holds the feet: to 3 % of it."""
 
@@ -141,7 +146,7 @@ def _not_sought(model: ReplayModel, log: RobotLog) -> list[str]:
     """Causes that nothing in this log is tried for, and why."""
     names = [name for name in NOT_LOOKED_FOR if name == "backlash" or model.devices]
     found = [f"{name}: not looked for in robot logs; {NOT_LOOKED_FOR[name]}" for name in names]
-    found += [TURNED] if model.free else []
+    found += [TURNED, ON_FEET] if model.free else []
     sought = not model.free and all("q_des" in run.joint for run in log.runs)
     for cause in CATALOGUE.values():
         if cause.sought and not sought and not (model.free and cause.place == "robot"):

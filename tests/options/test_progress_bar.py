@@ -102,7 +102,7 @@ def test_stages_of_a_diagnosis_do_not_turn_the_bar_back() -> None:
     count = Countdown(Bar(io.StringIO()))
     for text in ("eqs. 14 and 15: starts", "noise", "refining coil_lag", "noise without coil_lag", "what repeats"):
         count(text)
-    assert seen == [0.01, 0.03, 0.35, 0.35, 0.85]
+    assert seen == [0.01, 0.02, 0.19, 0.19, 0.85]
 
 
 def test_a_log_is_diagnosed_in_stages() -> None:

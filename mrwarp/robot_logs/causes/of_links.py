@@ -81,7 +81,7 @@ def _off_centre(replay: Replayed, change: np.ndarray) -> None:
     """Bodies of E robots with ``change``, (E, 3B), in addition to their static moments: centres of mass, inertias."""
     mj, moment = replay.robot.model, change.reshape(len(change), -1, 3)
     place, mass, inertia = (replay.model(f"body_{name}") for name in ("ipos", "mass", "inertia"))
-    for b in np.flatnonzero(moment.any(axis=(0, 2))):
+    for b in np.flatnonzero(moment.any(axis=(0, 2))).tolist():
         place[:, b] += moment[:, b] / mass[:, b, None]
         along = moment[:, b] @ _frame(replay.robot, b)
         own = _weighted(float(mj.body_mass[b]), mj.body_inertia[b], mass[:, b] - mj.body_mass[b], along)
