@@ -40,7 +40,7 @@ from mrwarp.sysid.pieces import Pieces, Quadratic
 from mrwarp.sysid.settings import Settings
 
 STIFFER = 4.0
-"""Factor of the stiffness from which a device behind play or a spring is fitted again."""
+"""Ratio of stiffnesses from which a device behind play or a spring is looked at, and fitted again."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -168,6 +168,11 @@ def _fault(hypothesis: Hypothesis, parameters: Sequence[Parameter]) -> float:
     return float(np.mean([parameters[k].fault / abs(parameters[k].step) for k in hypothesis.members]))
 
 
+def _least(hypotheses: Sequence[Hypothesis], parameters: Sequence[Parameter]) -> np.ndarray:
+    """Smallest size of each of D hypotheses that counts as a fault, in steps, shape (D,)."""
+    return np.array([min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in hypotheses])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scores:
     """Explained mismatch by a fault along each of D hypotheses."""
@@ -209,8 +214,7 @@ def scored(likelihood: Likelihood, parameters: Sequence[Parameter], hypotheses: 
     if not hypotheses:
         return []
     now = scores(posterior(likelihood, parameters, []), hypotheses, parameters)
-    least = [min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in hypotheses]
-    large = np.flatnonzero(np.abs(now.size) >= least).tolist()
+    large = np.flatnonzero(np.abs(now.size) >= _least(hypotheses, parameters)).tolist()
     return [Found(hypothesis=hypotheses[k], z=float(now.z[k]), alternatives=()) for k in large]
 
 
@@ -238,7 +242,7 @@ class RobotSearch(Listed[Found]):
         settings, p, free = self.settings, self.parameters, [f.hypothesis for f in found]
         if len(found) >= settings.most:
             return []
-        least = np.array([min(p[k].least / abs(p[k].step) for k in d.members) for d in self.hypotheses])
+        least = _least(self.hypotheses, p)
         joints = np.array([len(d.members) for d in self.hypotheses])
         now = scores(posterior(self.likelihood, p, free), self.hypotheses, p)
         share = now.z**2 * self.likelihood.scale / (self.likelihood.samples * joints)
