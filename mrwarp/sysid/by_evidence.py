@@ -115,19 +115,23 @@ class Comparison(Generic[Model, Cause]):
 
     def signals(self, model: Model) -> Signals:
         """Signals of a model, in samples that count."""
+        counted = self._counted(model)
+        return replace(counted, grams=counted.grams / self.correlation)
+
+    def _counted(self, model: Model) -> Signals:
+        """The same with Gram matrices of all samples."""
         if model not in self._signals:
             self._signals[model] = self.plant.signals(model)
-        found = self._signals[model]
-        return replace(found, grams=found.grams / self.correlation, counts=found.counts / self.correlation)
+        return replace(self._signals[model], counts=self._signals[model].counts / self.correlation)
 
     def posterior(self, model: Model, active: Active) -> Posterior:
         """Evidence and numbers of a model with nameless groups."""
         key = model, active
         if key not in self._known:
-            signals = self.signals(model)
             if model not in self._totals:
-                self._totals[model] = self.discrepancy.reduced(signals).sum(axis=0)
-            self._known[key] = posterior(signals, self._totals[model], sorted(active), self.discrepancy.common)
+                self._totals[model] = self.discrepancy.reduced(self.signals(model)).sum(axis=0)
+            total, start = self._totals[model], self.discrepancy.common
+            self._known[key] = posterior(self._counted(model), total, sorted(active), start)
         return self._known[key]
 
     def log(self, model: Model, active: Active) -> float:

@@ -18,9 +18,15 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 from scipy.special import log_ndtr
 
 from mrwarp.sysid.least_squares import RANK
+
+_STILL = 0.02
+"""Log evidence that is nothing: less than a hundredth of what a cause needs to enter."""
+_SHRINKS = 0.85
+"""Most by which the steps of a variance shrink where it is carried on to where they would end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +76,8 @@ class Discrepancy:
         at = s.first + np.flatnonzero(self.own[s.group] > 0.0)
         if not len(at):
             return grams
-        spread, cross = _inverse(grams[:, at[:, None], at], self.own[s.group[at - s.first]]), grams[:, :, at]
-        return grams - cross @ spread @ cross.swapaxes(-1, -2)
+        taken = _root(grams[:, at[:, None], at], self.own[s.group[at - s.first]]) @ grams[:, at]
+        return grams - taken.swapaxes(-1, -2) @ taken
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +92,7 @@ class Posterior:
 
 
 def learned(
-    s: Signals, least: float, start: Discrepancy | None = None, *, rounds: int = 25, still: float = 0.05
+    s: Signals, least: float, start: Discrepancy | None = None, *, rounds: int = 25, still: float = _STILL
 ) -> Discrepancy:
     """The likeliest variances with every group in.
 
@@ -95,7 +101,7 @@ def learned(
         least: The noise's least variance, in the signals' units.
         start: Variances of another model to begin from.
         rounds: Most updates.
-        still: Change of the variances' logarithms with which they end.
+        still: Log evidence that the last one is worth.
     """
     columns, nb, groups = s.columns, len(s.live), int(s.group.max(initial=-1)) + 1
     grams = np.ascontiguousarray(s.grams[:, columns][:, :, columns])
@@ -105,30 +111,31 @@ def learned(
     scale = np.maximum(grams[:, -1, -1] / s.counts, least)
     if start is not None:
         common, own, scale = start.common, np.maximum(start.own, 10.0 * small), start.scale
-    for _ in range(rounds):
+    before = np.ones(2 * groups)
+    for turn in range(rounds):
         part = np.flatnonzero(own[s.group] > small)
         at, group = nb + part, s.group[part]
-        here = grams / scale[:, None, None]
-        cross = here[:, :, at]
-        spread = _inverse(cross[:, at], own[group])
-        whole = here.sum(axis=0) - np.einsum("tij,tkj->ik", cross @ spread, cross, optimize=True)
-        x, covariance, _ = _solved(whole, nb, 1.0 / common[s.group])
+        cross = grams[:, at] / scale[:, None, None]
+        root = _root(cross[:, :, at], own[group])
+        taken = root @ cross
+        flat = taken.reshape(-1, taken.shape[-1])
+        x, covariance, _ = _solved(np.tensordot(1.0 / scale, grams, 1) - flat.T @ flat, nb, 1.0 / common[s.group])
         y = np.append(-x, 1.0)
-        mean = np.einsum("tkl,tl->tk", spread, cross.swapaxes(1, 2) @ y)
-        known = 1.0 - np.diag(covariance)[nb:] / common[s.group]
-        fresh = _by_group(x[nb:] ** 2, s.group, groups) / np.maximum(_by_group(known, s.group, groups), 1e-6)
-        known = (1.0 - np.einsum("tkk->tk", spread) / own[group]).sum(axis=0)
-        mine = _by_group((mean**2).sum(axis=0), group, groups) / np.maximum(_by_group(known, group, groups), 1e-6)
+        mean = np.einsum("tkl,tk->tl", root, taken @ y)
+        shrunk = 1.0 - (root**2).sum(axis=1) / own[group]
+        known = _by_group(1.0 - np.diag(covariance)[nb:] / common[s.group], s.group, groups)
+        fresh = _by_group(x[nb:] ** 2, s.group, groups) / np.maximum(known, 1e-6)
+        seen = _by_group(shrunk.sum(axis=0), group, groups)
+        mine = _by_group((mean**2).sum(axis=0), group, groups) / np.maximum(seen, 1e-6)
         sizes = np.repeat(y[None], len(grams), axis=0)
         sizes[:, at] -= mean
         left = np.einsum("ti,ti->t", sizes, np.einsum("tij,tj->ti", grams, sizes))
-        free = len(at) - np.einsum("tkk,k->t", spread, 1.0 / own[group])
-        scale = np.maximum(left / np.maximum(s.counts - free, 0.1 * s.counts), least)
+        scale = np.maximum(left / np.maximum(s.counts - shrunk.sum(axis=1), 0.1 * s.counts), least)
         fresh, mine = np.maximum(fresh, small), np.where(mine > small, mine, 0.0)
-        alive = (mine > 0.0) & (own > 0.0)
-        change = np.abs(np.log(np.append(fresh / common, mine[alive] / own[alive]))).max(initial=0.0)
-        common, own = fresh, mine
-        if change < still:
+        factor = np.append(fresh / common, np.divide(mine, own, out=np.ones(groups), where=(mine > 0.0) & (own > 0.0)))
+        further = _further(factor, before) if turn % 3 == 2 else np.ones(2 * groups)
+        common, own, before = np.maximum(fresh * further[:groups], small), mine * further[groups:], factor
+        if _worth(np.append(known, seen), factor) < still:
             break
     return Discrepancy(common=common, own=own, scale=scale)
 
@@ -136,6 +143,18 @@ def learned(
 def _by_group(x: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
     """Sums over the functions of each group, shape (G,)."""
     return np.bincount(group, x, groups)
+
+
+def _worth(known: np.ndarray, factor: np.ndarray) -> float:
+    """Log evidence, near its most, of variances that change by a factor, each known by so many of its functions."""
+    return 0.25 * float((np.maximum(known, 0.0) * np.log(factor) ** 2).sum())
+
+
+def _further(factor: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Factors by which variances that changed by ``before``, then by ``factor``, would still change (Aitken 1926)."""
+    step, last = np.log(factor), np.log(before)
+    ratio = np.divide(step, last, out=np.zeros_like(step), where=step * last > 0.0)
+    return np.exp(np.clip(step / (1.0 - np.minimum(ratio, _SHRINKS)) - step, -2.0, 2.0))
 
 
 def left_over(s: Signals, d: Discrepancy) -> tuple[np.ndarray, np.ndarray]:
@@ -146,14 +165,21 @@ def left_over(s: Signals, d: Discrepancy) -> tuple[np.ndarray, np.ndarray]:
     at = s.first + np.flatnonzero(d.own[s.group] > 0.0)
     sizes = np.repeat(x[None, nb:], len(s.grams), axis=0)
     if len(at):
-        here = s.grams / d.scale[:, None, None]
-        spread = _inverse(here[:, at[:, None], at], d.own[s.group[at - s.first]])
-        sizes[:, at - s.first] += (spread @ (here[:, at][:, :, s.columns] @ np.append(-x, 1.0))[..., None])[..., 0]
+        here = s.grams[:, at] / d.scale[:, None, None]
+        root = _root(here[:, :, at], d.own[s.group[at - s.first]])
+        pull = root @ (here[:, :, s.columns] @ np.append(-x, 1.0))[..., None]
+        sizes[:, at - s.first] += (root.swapaxes(-1, -2) @ pull)[..., 0]
     return x[:nb], sizes
 
 
 def posterior(
-    s: Signals, total: np.ndarray, active: Collection[int], start: np.ndarray, *, rounds: int = 25, still: float = 0.05
+    s: Signals,
+    total: np.ndarray,
+    active: Collection[int],
+    start: np.ndarray,
+    *,
+    rounds: int = 25,
+    still: float = _STILL,
 ) -> Posterior:
     """Evidence of a model with some nameless groups.
 
@@ -163,7 +189,7 @@ def posterior(
         active: The groups.
         start: Variance by group from which the likeliest is looked for.
         rounds: Most updates of them.
-        still: Change of their logarithms with which they end.
+        still: Log evidence that the last one is worth.
     """
     nb, use = len(s.live), [k for k, g in enumerate(s.group) if g in active]
     columns = [*s.live, *(s.first + k for k in use), *range(s.first + len(s.group), total.shape[0])]
@@ -171,16 +197,16 @@ def posterior(
     number, variance = float(s.counts.sum()), np.maximum(start, 1e-12).copy()
     for _ in range(rounds if use else 1):
         x, covariance, logdet = _solved(gram, nb, 1.0 / np.append(variance[group], s.forms))
-        change = 0.0
+        worth = 0.0
         for g in active:
             mine = nb + np.flatnonzero(group == g)
             if not len(mine):
                 continue
             known = len(mine) - float(np.trace(covariance[np.ix_(mine, mine)])) / variance[g]
             fresh = float(np.clip((x[mine] ** 2).sum() / max(known, 1e-6), 1e-12, 1e12))
-            change = max(change, abs(np.log(fresh / variance[g])))
+            worth += _worth(np.array([known]), np.array([fresh / variance[g]]))
             variance[g] = fresh
-        if change < still:
+        if worth < still:
             break
     quadratic = float(gram[-1, -1] - x @ gram[:-1, -1])
     base = gram[:nb, :nb] + RANK * np.diag(np.diag(gram[:nb, :nb]))
@@ -227,10 +253,16 @@ def correlation(units: Sequence[np.ndarray], window: float = 5.0) -> float:
     return float(max(1.0, times[ends[0]] if len(ends) else times.max(initial=1.0)))
 
 
-def _inverse(grams: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Covariance of sizes with these prior variances, (n,), by their Gram matrices, (T, n, n), in the prior's units."""
+def _root(grams: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Roots R of the covariance R'R of sizes with these prior variances, (n,), by Gram matrices in the prior's units.
+
+    Both of shape (T, n, n).
+    """
     d = np.sqrt(variance)
-    return np.linalg.inv(grams * np.outer(d, d) + np.eye(len(d))) * np.outer(d, d)
+    root = np.linalg.cholesky(grams * np.outer(d, d) + np.eye(len(d)))
+    for x in root:
+        x[:] = dtrtri(x, lower=1)[0] * d
+    return root
 
 
 def _solved(gram: np.ndarray, free: int, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
