@@ -260,7 +260,7 @@ def _root(grams: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """
     d = np.sqrt(variance)
     root = np.linalg.cholesky(grams * np.outer(d, d) + np.eye(len(d)))
-    for x in root:
+    for x in root if len(d) else ():
         x[:] = dtrtri(x, lower=1)[0] * d
     return root
 
