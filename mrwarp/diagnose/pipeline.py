@@ -34,7 +34,7 @@ from mrwarp.diagnose.joint_evidence import Judged, judged_by_evidence, selected_
 from mrwarp.diagnose.law_choice import LawChoice, choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit
-from mrwarp.diagnose.proof import Rejection, select_proven, through_gate, without_parts
+from mrwarp.diagnose.proof import Rejection, select_proven, through_gate, without_parts, without_unknown
 from mrwarp.diagnose.residual_structure import Line, find_line, without_line
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.diagnose.screening import Candidate, Models, screen
@@ -387,7 +387,7 @@ def _found(models: Models, session: _Session, method: Method, log: Progress) -> 
 def _accounted(
     session: _Session, models: Models, selection: Selection, held_out: HeldOut, seed: int, log: Progress
 ) -> tuple[Selection, tuple[Rejection, ...], HeldOut, Account]:
-    """Where the mismatch goes, once causes are taken out that may be a part of what repeats without a name."""
+    """Where the mismatch goes, once causes are out whose size is unknown, or that may be a part of what repeats."""
     problem = session.problem
     log("what repeats")
     unpredicted = not_predicted(problem, held_out, models.reported(selection.final), seed)
@@ -398,7 +398,9 @@ def _accounted(
 
     found = account(held_out)
     selection, parts = without_parts(models, selection, found)
-    if parts:
+    final = with_error_of_smoothing(problem, session.recording, selection.final)
+    selection, unknown = without_unknown(models, selection, final)
+    if parts := parts + unknown:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
         selection, refused, held_out = through_gate(models, selection, seed)
         parts, found = parts + refused, account(held_out)

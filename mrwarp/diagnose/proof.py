@@ -137,6 +137,18 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
     return _without(models, selection, [x.effect for x in rejections]), tuple(rejections)
 
 
+def without_unknown(models: Models, selection: Selection, final: Fit) -> tuple[Selection, tuple[Rejection, ...]]:
+    """The selection without effects whose reported interval, that of ``final``, says nothing of their size."""
+    proof, gains = models.problem.settings.proof, selection.own_gain
+    reasons = {e: interval_rejection(e, final, proof, selection.refined) for e in selection.named}
+    unknown = {e: reason for e, reason in reasons.items() if reason and e != expected_in(models.problem)}
+    rejections = [
+        Rejection(effect=e, reason=why, gain=max(gains.get(e, 0.0), 0.0) / selection.base.total, fit=final)
+        for e, why in unknown.items()
+    ]
+    return _without(models, selection, list(unknown)), tuple(rejections)
+
+
 def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selection, tuple[Rejection, ...], HeldOut]:
     """The selection through the last gate, with what is refused there and the predictions of held-out trajectories."""
     problem, base = models.problem, models.reported(selection.base)
