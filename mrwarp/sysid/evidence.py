@@ -18,7 +18,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg import get_lapack_funcs
 from scipy.special import log_ndtr
 
 from mrwarp.sysid.least_squares import RANK
@@ -260,8 +260,9 @@ def _root(grams: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """
     d = np.sqrt(variance)
     root = np.linalg.cholesky(grams * np.outer(d, d) + np.eye(len(d)))
+    (inverted,) = get_lapack_funcs(("trtri",), (root,))
     for x in root if len(d) else ():
-        x[:] = dtrtri(x, lower=1)[0] * d
+        x[:] = inverted(x, lower=1)[0] * d
     return root
 
 
