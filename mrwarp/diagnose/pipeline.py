@@ -117,8 +117,7 @@ def diagnose(
         result = without_verdict(recording, reasons, settings, seed, time.perf_counter() - begun)
         return replace(result, recording_faults=session.faults)
     selection, parts, held_out, account = _accounted(session, models, selection, held_out, seed, log)
-    final = with_error_of_smoothing(problem, recording, selection.final)
-    selection, law = replace(selection, final=final), session.base.parameters.law
+    law = session.base.parameters.law
     log("smallest sizes that would have shown")
     sizes = smallest_sizes(problem, selection.final, session.candidates, judged.shows)
     log("next experiment")
@@ -404,7 +403,8 @@ def _accounted(
         log(f"not proven: {', '.join(x.effect for x in parts)}")
         selection, refused, held_out = through_gate(models, selection, seed)
         parts, found = parts + refused, account(held_out)
-    return selection, parts, held_out, found
+        final = with_error_of_smoothing(problem, session.recording, selection.final)
+    return replace(selection, final=final), parts, held_out, found
 
 
 def _completed(fitted: Model, nominal: Model | None, holding: Holding | None, known: Mapping[str, Parameter]) -> Model:

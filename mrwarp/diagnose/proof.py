@@ -138,7 +138,8 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
 
 
 def without_unknown(models: Models, selection: Selection, final: Fit) -> tuple[Selection, tuple[Rejection, ...]]:
-    """The selection without effects whose reported interval, that of ``final``, says nothing of their size."""
+    """The selection without effects whose interval, as reported of ``final``, says nothing of their size."""
+    final = models.reported(final)
     proof, gains = models.problem.settings.proof, selection.own_gain
     reasons = {e: interval_rejection(e, final, proof, selection.refined) for e in selection.named}
     unknown = {e: reason for e, reason in reasons.items() if reason and e != expected_in(models.problem)}
