@@ -138,11 +138,15 @@ def without_parts(models: Models, selection: Selection, account: Account) -> tup
 
 
 def without_unknown(models: Models, selection: Selection, final: Fit) -> tuple[Selection, tuple[Rejection, ...]]:
-    """The selection without effects whose interval, as reported of ``final``, says nothing of their size."""
-    final = models.reported(final)
+    """The selection without effects whose interval, as reported of ``final``, says nothing of their size.
+
+    The error of smoothing is in it. That changes an inertia's size, not whether it is there; another effect that may
+    vanish with it makes up for what the smoother took.
+    """
+    final, expected = models.reported(final), expected_in(models.problem)
     proof, gains = models.problem.settings.proof, selection.own_gain
-    reasons = {e: interval_rejection(e, final, proof, selection.refined) for e in selection.named}
-    unknown = {e: reason for e, reason in reasons.items() if reason and e != expected_in(models.problem)}
+    asked = [e for e in selection.named if e != expected and not KNOWN[e].inertial]
+    unknown = {e: why for e in asked if (why := interval_rejection(e, final, proof, selection.refined))}
     rejections = [
         Rejection(effect=e, reason=why, gain=max(gains.get(e, 0.0), 0.0) / selection.base.total, fit=final)
         for e, why in unknown.items()
