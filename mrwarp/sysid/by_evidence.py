@@ -119,7 +119,7 @@ class Comparison(Generic[Model, Cause]):
         return replace(counted, grams=counted.grams / self.correlation)
 
     def _counted(self, model: Model) -> Signals:
-        """The same with Gram matrices of all samples."""
+        """Signals whose counts are samples that count, and whose Gram matrices are of all."""
         if model not in self._signals:
             self._signals[model] = self.plant.signals(model)
         return replace(self._signals[model], counts=self._signals[model].counts / self.correlation)

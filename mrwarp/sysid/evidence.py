@@ -23,11 +23,6 @@ from scipy.special import log_ndtr
 
 from mrwarp.sysid.least_squares import RANK
 
-_STILL = 0.02
-"""Log evidence that is nothing: less than a hundredth of what a cause needs to enter."""
-_SHRINKS = 0.85
-"""Most by which the steps of a variance shrink where it is carried on to where they would end."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Signals:
@@ -92,7 +87,7 @@ class Posterior:
 
 
 def learned(
-    s: Signals, least: float, start: Discrepancy | None = None, *, rounds: int = 25, still: float = _STILL
+    s: Signals, least: float, start: Discrepancy | None = None, *, rounds: int = 25, still: float = 0.02
 ) -> Discrepancy:
     """The likeliest variances with every group in.
 
@@ -101,7 +96,7 @@ def learned(
         least: The noise's least variance, in the signals' units.
         start: Variances of another model to begin from.
         rounds: Most updates.
-        still: Log evidence that the last one is worth.
+        still: Log evidence that the last one is worth: nothing next to what a cause needs to enter.
     """
     columns, nb, groups = s.columns, len(s.live), int(s.group.max(initial=-1)) + 1
     grams = np.ascontiguousarray(s.grams[:, columns][:, :, columns])
@@ -150,11 +145,14 @@ def _worth(known: np.ndarray, factor: np.ndarray) -> float:
     return 0.25 * float((np.maximum(known, 0.0) * np.log(factor) ** 2).sum())
 
 
-def _further(factor: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Factors by which variances that changed by ``before``, then by ``factor``, would still change (Aitken 1926)."""
+def _further(factor: np.ndarray, before: np.ndarray, *, shrinks: float = 0.85) -> np.ndarray:
+    """Factors by which variances that changed by ``before``, then by ``factor``, would still change (Aitken 1926).
+
+    No step is taken to be more than ``shrinks`` of the last, and none is carried on by more than exp(2).
+    """
     step, last = np.log(factor), np.log(before)
     ratio = np.divide(step, last, out=np.zeros_like(step), where=step * last > 0.0)
-    return np.exp(np.clip(step / (1.0 - np.minimum(ratio, _SHRINKS)) - step, -2.0, 2.0))
+    return np.exp(np.clip(step / (1.0 - np.minimum(ratio, shrinks)) - step, -2.0, 2.0))
 
 
 def left_over(s: Signals, d: Discrepancy) -> tuple[np.ndarray, np.ndarray]:
@@ -179,7 +177,7 @@ def posterior(
     start: np.ndarray,
     *,
     rounds: int = 25,
-    still: float = _STILL,
+    still: float = 0.02,
 ) -> Posterior:
     """Evidence of a model with some nameless groups.
 
@@ -189,7 +187,7 @@ def posterior(
         active: The groups.
         start: Variance by group from which the likeliest is looked for.
         rounds: Most updates of them.
-        still: Log evidence that the last one is worth.
+        still: Log evidence that the last one is worth: nothing next to what a cause needs to enter.
     """
     nb, use = len(s.live), [k for k, g in enumerate(s.group) if g in active]
     columns = [*s.live, *(s.first + k for k in use), *range(s.first + len(s.group), total.shape[0])]

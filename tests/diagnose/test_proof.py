@@ -19,6 +19,7 @@ from mrwarp.diagnose.proof import (
     select_proven,
     through_gate,
     without_parts,
+    without_unknown,
     would_be_negative,
 )
 from mrwarp.diagnose.screening import Models
@@ -284,6 +285,30 @@ def test_the_interval_that_is_reported_decides(low: float, rejected: bool) -> No
     assert "not known" in interval_rejection("command_delay", wide, Proof())
     refined = {("command_delay", "delay"): (0.002, low, 0.004)}
     assert bool(interval_rejection("command_delay", wide, Proof(), refined)) == rejected
+
+
+@pytest.mark.parametrize(
+    ("effect", "hidden", "stays"),
+    [
+        ("coulomb_friction", {"torque": 0.05}, False),
+        ("rotor_inertia", {"inertia": 1e-3}, True),
+    ],
+)
+def test_what_may_vanish_with_the_error_of_smoothing_is_a_suspect(
+    effect: str, hidden: dict[str, float], stays: bool
+) -> None:
+    """An interval that contains zero by that error leaves only an inertia named: whose size is not known, then."""
+    problem = known.problem({effect: hidden}, seed=50, at=known.motion(50, runs=6, seconds=3.0))
+    models = Models(problem, known.fitted(problem))
+    selection, _ = select_proven(models, screen_candidates(problem, models.base, [effect]))
+    own = selection.final.parameters.own(effect)[0]
+    least = np.zeros(selection.final.parameters.size)
+    same, nothing = without_unknown(models, selection, selection.final)
+    least[own] = selection.final.x[own] ** 2
+    found, rejections = without_unknown(models, selection, replace(selection.final, least_variance=least))
+    assert same.named == selection.named == [effect] and not nothing
+    assert (found.named == [effect]) == stays
+    assert [x.reason for x in rejections] == ([] if stays else ["its 95 % interval contains zero"])
 
 
 def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPatch) -> None:
