@@ -86,6 +86,7 @@ CAUSES = (
         unit="s",
         step=0.0005,
         spread=lambda at: OWN_DELAY + 0.5 * at.row,
+        highest=OWN_DELAY,  # later the row's own command acts
     ),
     Cause(
         name="clock_shift",
