@@ -412,13 +412,13 @@ class _Stepper:
         speed: np.ndarray,
         field: Callable[..., np.ndarray],
     ) -> np.ndarray:
-        """Torques of the drives when samples are read [N·m], shape (E, S, J), by those of steps and speeds, (E, K + 1, J).
+        """Torques of the drives when samples are read [N·m], (E, S, J), by those of steps and speeds, (E, K + 1, J).
 
-        Between two commands the torque of a drive falls by ``kp*qd + kd*qdd``. The engine gives that of the angle in the
-        middle of a step and the velocity at its beginning, under the mean of the step's commands: by steps of another
-        length it would be another, and ``kp`` times half a step would pass for a viscous friction.
+        Between two commands the torque of a drive falls by ``kp*qd + kd*qdd`` in a second. The engine gives that of the
+        angle in the middle of a step and of the velocity at its beginning, under the mean of the step's commands. By
+        steps of another length it would be another: ``kp`` times half a step would pass for a viscous friction.
         """
-        m, windows, joints = self.model, self.windows, len(self.model.joints)
+        windows, joints = self.windows, len(self.model.joints)
         h, row = windows.h, float(np.median(np.diff(windows.t[0])))
         later, latency, delay = (field(name, 1) for name in ("tau_time", "latency", "delay"))
         strength = 1.0 + field("strength") + field("scale", 1)
@@ -439,7 +439,7 @@ class _Stepper:
         return np.where((found <= low) | (found >= high), found, np.clip(read, low, high))
 
     def _asked_since(self, window: int, late: float) -> np.ndarray:
-        """What commands ``late`` [s] ask for where samples are read, less what the engine's steps had: (3, S, J).
+        """Torque that commands ``late`` [s] ask for where samples are read, less that of the engine's steps: (3, S, J).
 
         Parts are those of ``Windows.feed`` [N·m].
         """

@@ -188,8 +188,8 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     rows: dict[str, list] = {
         name: []
         for name in (
-            "run", "start", "t", "feed", "coil", "coil_rows", "ask_rows", "row_t", "start_coil", "kp", "kd", "q", "qd", "root",
-            "memory", "loaded", "gravity", "gravity_read", "hidden",
+            "run", "start", "t", "feed", "coil", "coil_rows", "ask_rows", "row_t", "start_coil", "kp", "kd", "q", "qd",
+            "root", "memory", "loaded", "gravity", "gravity_read", "hidden",
         )
     }  # fmt: skip
     beyond = int(np.ceil(longest_delay / dt)) + 1
