@@ -86,7 +86,6 @@ CAUSES = (
         unit="s",
         step=0.0005,
         spread=lambda at: OWN_DELAY + 0.5 * at.row,
-        highest=OWN_DELAY,  # later the row's own command acts
     ),
     Cause(
         name="clock_shift",
