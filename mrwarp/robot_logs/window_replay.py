@@ -425,11 +425,13 @@ class _Stepper:
         kp, kd = 1.0 + field("kp"), 1.0 + field("kd")
         change = np.diff(speed, axis=1, prepend=2.0 * speed[:, :1] - speed[:, 1:2])
         stiffness = windows.kp[w, windows.before :][:, : windows.steps + 1] * kp[:, None]
-        moved = at_samples(stiffness * speed) * (0.5 * h + later)[:, None]
-        moved += windows.kd[w, None] * kd[:, None] * at_samples(change) * (1.0 + (later - latency) / h)[:, None]
+        damping = windows.kd[w] * kd * (1.0 + (later - latency) / h)
+        moved = at_samples(stiffness * speed * (0.5 * h + later)[:, None] + damping[:, None] * change)
         pairs, place = np.unique(np.stack([w, delay[:, 0]], axis=1), axis=0, return_inverse=True)
-        newer = np.stack([self._asked_since(int(own), float(late)) for own, late in pairs], axis=1)[:, place.ravel()]
-        asked = newer[2] + kp[:, None] * newer[0] + kd[:, None] * newer[1]
+        newer, asked = np.stack([self._asked_since(int(own), float(late)) for own, late in pairs], axis=1), 0.0
+        if np.abs(newer).max() > 1e-9:  # steps that end at rows have what is read
+            of_kp, of_kd, rest = newer[:, place.ravel()]
+            asked = rest + kp[:, None] * of_kp + kd[:, None] * of_kd
         # of what changes from row to row a lag leaves a part
         lag = np.maximum(field("torque_lag"), 0.0)
         left, smooth = (row / (row + 2.0 * x) for x in (lag, lag + np.maximum(field("command_lag"), 0.0)))
