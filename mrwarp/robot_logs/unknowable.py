@@ -123,10 +123,10 @@ def smallest_sizes(
             here = max(p.least, float(np.sqrt(2.0 * settings.robot.odds) * sd))
             needed[p.cause] = max(needed.get(p.cause, (0.0, 0)), (here, int(k)))
     sizes = {}
-    for cause, (_, k) in needed.items():
+    for cause, (low, k) in needed.items():  # the proof asks for more than the odds
         p = parameters[k]
-        low, high = p.least, min(2.0 * p.fault, p.possible, max(p.highest, -p.lowest))
-        if not _named(likelihood, parameters, k, high):
+        high = min(2.0 * p.fault, p.possible, max(p.highest, -p.lowest))
+        if low > high or not _named(likelihood, parameters, k, high):
             continue
         while high > settings.robot_fit.factor**2 * low:
             middle = float(np.sqrt(low * high))
