@@ -87,7 +87,7 @@ class Posterior:
 
 
 def learned(
-    s: Signals, least: float, start: Discrepancy | None = None, *, rounds: int = 25, still: float = 0.02
+    s: Signals, least: float, start: Discrepancy | None = None, *, rounds: int = 25, still: float = 0.05
 ) -> Discrepancy:
     """The likeliest variances with every group in.
 
@@ -96,7 +96,7 @@ def learned(
         least: The noise's least variance, in the signals' units.
         start: Variances of another model to begin from.
         rounds: Most updates.
-        still: Log evidence that the last one is worth: nothing next to what a cause needs to enter.
+        still: Change of the variances' logarithms with which they end.
     """
     columns, nb, groups = s.columns, len(s.live), int(s.group.max(initial=-1)) + 1
     grams = np.ascontiguousarray(s.grams[:, columns][:, :, columns])
@@ -106,8 +106,7 @@ def learned(
     scale = np.maximum(grams[:, -1, -1] / s.counts, least)
     if start is not None:
         common, own, scale = start.common, np.maximum(start.own, 10.0 * small), start.scale
-    before = np.ones(2 * groups)
-    for turn in range(rounds):
+    for _ in range(rounds):
         part = np.flatnonzero(own[s.group] > small)
         at, group = nb + part, s.group[part]
         cross = grams[:, at] / scale[:, None, None]
@@ -127,10 +126,10 @@ def learned(
         left = np.einsum("ti,ti->t", sizes, np.einsum("tij,tj->ti", grams, sizes))
         scale = np.maximum(left / np.maximum(s.counts - shrunk.sum(axis=1), 0.1 * s.counts), least)
         fresh, mine = np.maximum(fresh, small), np.where(mine > small, mine, 0.0)
-        factor = np.append(fresh / common, np.divide(mine, own, out=np.ones(groups), where=(mine > 0.0) & (own > 0.0)))
-        further = _further(factor, before) if turn % 3 == 2 else np.ones(2 * groups)
-        common, own, before = np.maximum(fresh * further[:groups], small), mine * further[groups:], factor
-        if _worth(np.append(known, seen), factor) < still:
+        alive = (mine > 0.0) & (own > 0.0)
+        change = np.abs(np.log(np.append(fresh / common, mine[alive] / own[alive]))).max(initial=0.0)
+        common, own = fresh, mine
+        if change < still:
             break
     return Discrepancy(common=common, own=own, scale=scale)
 
@@ -138,21 +137,6 @@ def learned(
 def _by_group(x: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
     """Sums over the functions of each group, shape (G,)."""
     return np.bincount(group, x, groups)
-
-
-def _worth(known: np.ndarray, factor: np.ndarray) -> float:
-    """Log evidence, near its most, of variances that change by a factor, each known by so many of its functions."""
-    return 0.25 * float((np.maximum(known, 0.0) * np.log(factor) ** 2).sum())
-
-
-def _further(factor: np.ndarray, before: np.ndarray, *, shrinks: float = 0.85) -> np.ndarray:
-    """Factors by which variances that changed by ``before``, then by ``factor``, would still change (Aitken 1926).
-
-    No step is taken to be more than ``shrinks`` of the last, and none is carried on by more than exp(2).
-    """
-    step, last = np.log(factor), np.log(before)
-    ratio = np.divide(step, last, out=np.zeros_like(step), where=step * last > 0.0)
-    return np.exp(np.clip(step / (1.0 - np.minimum(ratio, shrinks)) - step, -2.0, 2.0))
 
 
 def left_over(s: Signals, d: Discrepancy) -> tuple[np.ndarray, np.ndarray]:
@@ -171,13 +155,7 @@ def left_over(s: Signals, d: Discrepancy) -> tuple[np.ndarray, np.ndarray]:
 
 
 def posterior(
-    s: Signals,
-    total: np.ndarray,
-    active: Collection[int],
-    start: np.ndarray,
-    *,
-    rounds: int = 25,
-    still: float = 0.02,
+    s: Signals, total: np.ndarray, active: Collection[int], start: np.ndarray, *, rounds: int = 25, still: float = 0.05
 ) -> Posterior:
     """Evidence of a model with some nameless groups.
 
@@ -187,7 +165,7 @@ def posterior(
         active: The groups.
         start: Variance by group from which the likeliest is looked for.
         rounds: Most updates of them.
-        still: Log evidence that the last one is worth: nothing next to what a cause needs to enter.
+        still: Change of their logarithms with which they end.
     """
     nb, use = len(s.live), [k for k, g in enumerate(s.group) if g in active]
     columns = [*s.live, *(s.first + k for k in use), *range(s.first + len(s.group), total.shape[0])]
@@ -195,16 +173,16 @@ def posterior(
     number, variance = float(s.counts.sum()), np.maximum(start, 1e-12).copy()
     for _ in range(rounds if use else 1):
         x, covariance, logdet = _solved(gram, nb, 1.0 / np.append(variance[group], s.forms))
-        worth = 0.0
+        change = 0.0
         for g in active:
             mine = nb + np.flatnonzero(group == g)
             if not len(mine):
                 continue
             known = len(mine) - float(np.trace(covariance[np.ix_(mine, mine)])) / variance[g]
             fresh = float(np.clip((x[mine] ** 2).sum() / max(known, 1e-6), 1e-12, 1e12))
-            worth += _worth(np.array([known]), np.array([fresh / variance[g]]))
+            change = max(change, abs(np.log(fresh / variance[g])))
             variance[g] = fresh
-        if worth < still:
+        if change < still:
             break
     quadratic = float(gram[-1, -1] - x @ gram[:-1, -1])
     base = gram[:nb, :nb] + RANK * np.diag(np.diag(gram[:nb, :nb]))
