@@ -145,11 +145,6 @@ class _Trials:
         """Whether a number is the session's and no part of a hypothesis, shape (P,)."""
         return self.nuisance & ~self.plain[self.hypotheses.index(d)].astype(bool)
 
-    def missized(self, d: Hypothesis) -> bool:
-        """Whether derivatives do not say a cause's size, and no fit of the session has found it."""
-        p = self.parameters[d.members[0]]
-        return p.declared.uneven and not (self.model.free and p.is_nuisance)
-
     def best(
         self, theta: np.ndarray, here: float, pull: np.ndarray
     ) -> tuple[float, tuple[np.ndarray, Hypothesis] | None]:
@@ -165,10 +160,6 @@ class _Trials:
                 changed = [np.clip(theta + size * along[k], low, high) for size in k_sizes]
                 tried += [(new, d, float(new @ prior @ new)) for new in changed]
         tried = screened(tried, self.described, self.model, self.groups, self.parameters)
-        for d in dict.fromkeys(d for _, d, _ in tried if self.missized(d)):  # others would be compared at better sizes
-            prior, robot = prior_of(self.parameters, [d]), next(robot for robot, own, _ in tried if own is d)
-            new = self.searched(robot, list(d.members), prior)
-            tried.append((new, d, float(new @ prior @ new)))
         gains = [
             here - left - unlikely + float(theta @ self.usual @ theta)
             for (_, _, unlikely), left in zip(tried, self.left(*(new for new, _, _ in tried)), strict=True)

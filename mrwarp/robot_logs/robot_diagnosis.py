@@ -55,13 +55,7 @@ from mrwarp.robot_logs.selection import (
     sizes,
 )
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady, unconfirmed
-from mrwarp.robot_logs.unknowable import (
-    cannot_know,
-    friction_that_holds,
-    motions_of,
-    next_experiment,
-    smallest_sizes,
-)
+from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
 from mrwarp.sysid.jackknife import student
 from mrwarp.sysid.last_gate import Change, impossible, passed
@@ -141,14 +135,12 @@ def diagnose_log(
     holds = friction_that_holds(likelihood, case.model, log, case.groups, parameters, judged.theta)
     shown = [d for f in [*found, *judged.rejected] for d in (f.hypothesis, *f.alternatives)]
     unknown = cannot_know(likelihood, parameters, case.model, log, now, holds, shown)
-    smallest = {} if case.model.free else smallest_sizes(likelihood, parameters, log, found)
     return RobotDiagnosis(
         verdict=VERDICTS[bool(causes), unexplained is not None],
         sentence=sentence_of(causes, unexplained, after, case.model.settings.robot.worst),
         causes=causes,
         suspects=_suspects(case, judged),
         unexplained=unexplained,
-        detectable=smallest,
         cannot_know=unknown,
         next_experiment=next_experiment(causes, unknown, motions_of(case.model)),
         baseline=Error(rmse=before, nrmse=1.0, unit="healthy error"),

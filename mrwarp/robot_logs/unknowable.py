@@ -1,24 +1,21 @@
-"""Sizes that a log would have shown, causes that it cannot show, and the motion that would."""
+"""Causes that a log cannot show, and the motion that would."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from mrwarp.robot_logs.causes.cause import Shown
 from mrwarp.robot_logs.causes.parameter import Parameter
-from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, NUISANCES, OUTSIDE, SETUP
+from mrwarp.robot_logs.causes.robot_causes import CATALOGUE, NUISANCES
 from mrwarp.robot_logs.likelihood import Likelihood, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
-from mrwarp.robot_logs.robot_proof import cross_validated
 from mrwarp.robot_logs.robot_verdict import NamedCause
-from mrwarp.robot_logs.selection import Found, Hypothesis, Posterior, bounds_of, half_width, posterior, select
+from mrwarp.robot_logs.selection import Hypothesis, Posterior, bounds_of
 from mrwarp.robot_logs.windows import Windows, foot_slipped
-from mrwarp.sysid.certainty import clearness
-from mrwarp.sysid.verdict import NextExperiment, Value
+from mrwarp.sysid.verdict import NextExperiment
 
 GROUND = tuple(
     name for through in ("trunk", "ground", "imu") for name, cause in CATALOGUE.items() if cause.through == through
@@ -95,64 +92,6 @@ def friction_that_holds(
     return parameters[k].absolute(high)
 
 
-def smallest_sizes(
-    likelihood: Likelihood, parameters: list[Parameter], log: RobotLog, found: Sequence[Found]
-) -> dict[str, Value]:
-    """Size of each cause that would have been named wherever a held robot shows it: at the place that needs most.
-
-    The change is put into what the derivatives say of the log; the search, the proof on parts of the log and the
-    interval judge it. A cause that they would not find at the size of two faults is left out, as are those that are
-    named, those that the replay alone sees, and such that are no faults. Of what is known as a share that is the size.
-    On feet derivatives end where a foot lifts, and the replay refuses most of what they promise.
-
-    Args:
-        likelihood: What the log says.
-        parameters: P parameters.
-        log: The log.
-        found: Causes that are named.
-    """
-    free = [f.hypothesis for f in found]
-    now, settings = posterior(likelihood, parameters, free), likelihood.settings
-    left, shows = {d.cause for d in free} | {*OUTSIDE, *SETUP}, _shows(parameters, log, now)
-    needed: dict[str, tuple[float, int]] = {}
-    for k in np.flatnonzero(shows):
-        p, d = parameters[k], parameters[k].declared
-        by_replay_alone = d.limits or d.needs_slip or d.sought or d.change == "compliance"
-        if not (p.cause in left or p.cause not in MOTIONS or p.is_nuisance or by_replay_alone):
-            sd = 1.0 / np.sqrt(1.0 / now.covariance[k, k] - now.precision[k, k])
-            here = max(p.least, float(np.sqrt(2.0 * settings.robot.odds) * sd))
-            needed[p.cause] = max(needed.get(p.cause, (0.0, 0)), (here, int(k)))
-    sizes = {}
-    for cause, (low, k) in needed.items():  # the proof asks for more than the odds
-        p = parameters[k]
-        high = min(2.0 * p.fault, p.possible, max(p.highest, -p.lowest))
-        if low > high or not _named(likelihood, parameters, k, high):
-            continue
-        while high > settings.robot_fit.factor**2 * low:
-            middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if _named(likelihood, parameters, k, middle) else (middle, high)
-        unit = p.unit if p.declared.change == "added" else "1"
-        sizes[cause] = Value(value=high, ci95=(high, high), unit=unit)
-    return sizes
-
-
-def _named(likelihood: Likelihood, parameters: list[Parameter], k: int, size: float) -> bool:
-    """Whether a change of one number by a size, as far as a robot can have it, would be named."""
-    low, high = bounds_of(parameters)
-    change = np.zeros(len(parameters))
-    change[k] = np.clip(-size, low[k], high[k]) if -low[k] > high[k] else np.clip(size, low[k], high[k])
-    more = likelihood.information @ change
-    square = likelihood.square + 2.0 * likelihood.score @ change + more @ change
-    changed = replace(likelihood, score=likelihood.score + more, square=square)
-    chosen = select(changed, parameters)
-    own = [f for f in chosen if f.hypothesis.members == (k,)]
-    if not own or own[0] not in cross_validated(chosen, changed, parameters)[0]:
-        return False
-    now = posterior(changed, parameters, [f.hypothesis for f in chosen])
-    here = float(now.mean[k])
-    return clearness(here, half_width([k], here, now, parameters, wider=1.0, lone=here), parameters[k].usual) >= 1.0
-
-
 def cannot_know(
     likelihood: Likelihood,
     parameters: list[Parameter],
@@ -215,17 +154,6 @@ def _not_sought(model: ReplayModel, log: RobotLog) -> list[str]:
     return found
 
 
-def _shows(parameters: Sequence[Parameter], log: RobotLog, now: Posterior) -> np.ndarray:
-    """Whether two faults of each number are more than its standard deviation by the log alone, shape (P,)."""
-    asked = np.zeros(log.kp.shape, dtype=bool)
-    for run in log.runs:  # one without commands may have had any
-        asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
-    spoken = np.array([not p.declared.needs_current or asked[p.index] for p in parameters])
-    information = 1.0 / np.diag(now.covariance) - np.diag(now.precision)
-    most = np.array([max(2.0 * p.fault, 2.0 * p.least) for p in parameters])
-    return spoken & (information > 0.0) & (1.0 / np.sqrt(np.maximum(information, 1e-30)) < most)
-
-
 def _unseen(
     parameters: Sequence[Parameter], log: RobotLog, now: Posterior, spoken_of: set[int], *, slips: bool
 ) -> dict[str, str]:
@@ -233,14 +161,21 @@ def _unseen(
 
     ``spoken_of`` are parameters that the verdict speaks of; without ``slips`` friction of the ground is another matter.
     """
-    shows = _shows(parameters, log, now)
+    asked = np.zeros(log.kp.shape, dtype=bool)
+    for run in log.runs:  # one without commands may have had any
+        asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
     unseen: dict[str, dict[str, list[str]]] = {}
     axes: dict[tuple[str, str], int] = {}
     known: dict[str, int] = {}
     for k, p in enumerate(parameters):
         if p.cause not in MOTIONS or p.declared.limits or (p.declared.needs_slip and not slips):
             continue
-        sure = k in spoken_of or bool(shows[k])
+        information = 1.0 / now.covariance[k, k] - now.precision[k, k]
+        sure = k in spoken_of or (
+            (not p.declared.needs_current or asked[p.index])
+            and information > 0.0
+            and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
+        )
         axes[p.cause, p.where] = axes.get((p.cause, p.where), 0) + 1
         known[p.cause] = known.get(p.cause, 0) + int(sure)
         if not sure:

@@ -14,13 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from mrwarp.enums import BackendKind
 from mrwarp.robot_logs.causes.cause import Replayed
-from mrwarp.robot_logs.causes.of_timing import OWN_DELAY
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.causes.places import PLACES, turns
 from mrwarp.robot_logs.causes.robot_causes import ACTING, READS
 from mrwarp.robot_logs.replay_engine import ReplayEngine
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
-from mrwarp.robot_logs.windows import Windows, held_rows, mismatch, product, quaternion, side_by_side, turned
+from mrwarp.robot_logs.windows import Windows, mismatch, product, quaternion, side_by_side, turned
 from mrwarp.runtime import core_count
 
 CHUNK, WORKERS = 400, 2
@@ -34,10 +33,6 @@ GPU_LEAST = 256
 
 FEW_PER_CORE = 50
 """Environments that a core of a CPU steps in the time in which a GPU steps a thousand: 0.9 ms (H100, a quadruped)."""
-
-NEWEST_READ = OWN_DELAY
-"""Time before its row of the newest command that a torque channel reads, of a mean over as long before [s]: whether a
-command acts a little before or after its row then changes no reading, as that of the command in force changes none."""
 
 T = TypeVar("T")
 
@@ -151,7 +146,6 @@ class _Stepper:
         self.engine: ReplayEngine
         self._stance, self._plain, self._moved = Stance(model, copy.copy(mj)), {}, {}
         self._coils: dict[bytes, np.ndarray] = {}
-        self._newer: dict[tuple[int, float], np.ndarray] = {}
 
     def make_room(self, robots: int, count: int) -> None:
         """Take an engine for so many robots, the model's of that size where there is one; ``count`` of them run."""
@@ -384,8 +378,7 @@ class _Stepper:
                 step = float(np.median(np.diff(windows.t[0])))
                 yield name, _lagged(found, lag / step) if lag.any() else found
             elif name == "tau":
-                read = self._as_read(w, at_samples, torque, vel[:, :, m.v_adr], field)
-                yield name, read_torque(read, windows.gravity_read[w], field)
+                yield name, read_torque(at_samples(torque), windows.gravity_read[w], field)
             elif name == "current":
                 yield name, self._currents(w, field)
             elif name == "gyro":
@@ -404,65 +397,6 @@ class _Stepper:
             elif name == "vel":
                 yield name, at_samples(vel[:, :, :3])
 
-    def _as_read(
-        self,
-        w: np.ndarray,
-        at_samples: Callable[[np.ndarray], np.ndarray],
-        torque: np.ndarray,
-        speed: np.ndarray,
-        field: Callable[..., np.ndarray],
-    ) -> np.ndarray:
-        """Torques of the drives when samples are read [N·m], (E, S, J), by those of steps and speeds, (E, K + 1, J).
-
-        Between two commands the torque of a drive falls by ``kp*qd + kd*qdd`` in a second. The engine gives that of the
-        angle in the middle of a step and of the velocity at its beginning, under the mean of the step's commands. By
-        steps of another length it would be another: ``kp`` times half a step would pass for a viscous friction.
-        """
-        windows, joints = self.windows, len(self.model.joints)
-        h, row = windows.h, float(np.median(np.diff(windows.t[0])))
-        later, latency, delay = (field(name, 1) for name in ("tau_time", "latency", "delay"))
-        strength = 1.0 + field("strength") + field("scale", 1)
-        kp, kd = 1.0 + field("kp"), 1.0 + field("kd")
-        change = np.diff(speed, axis=1, prepend=2.0 * speed[:, :1] - speed[:, 1:2])
-        stiffness = windows.kp[w, windows.before :][:, : windows.steps + 1] * kp[:, None]
-        damping = windows.kd[w] * kd * (1.0 + (later - latency) / h)
-        moved = at_samples(stiffness * speed * (0.5 * h + later)[:, None] + damping[:, None] * change)
-        pairs, place = np.unique(np.stack([w, delay[:, 0]], axis=1), axis=0, return_inverse=True)
-        newer, asked = np.stack([self._asked_since(int(own), float(late)) for own, late in pairs], axis=1), 0.0
-        if np.abs(newer).max() > 1e-9:  # steps that end at rows have what is read
-            of_kp, of_kd, rest = newer[:, place.ravel()]
-            asked = rest + kp[:, None] * of_kp + kd[:, None] * of_kd
-        # of what changes from row to row a lag leaves a part
-        lag = np.maximum(field("torque_lag"), 0.0)
-        left, smooth = (row / (row + 2.0 * x) for x in (lag, lag + np.maximum(field("command_lag"), 0.0)))
-        found = at_samples(torque)
-        read = found + strength[:, None] * (smooth[:, None] * asked - left[:, None] * moved)
-        low, high = np.moveaxis(self.engine.of_model("actuator_forcerange")[: len(w), :joints], -1, 0)[:, :, None]
-        return np.where((found <= low) | (found >= high), found, np.clip(read, low, high))
-
-    def _asked_since(self, window: int, late: float) -> np.ndarray:
-        """Torque that commands ``late`` [s] ask for where samples are read, less that of the engine's steps: (3, S, J).
-
-        Parts are those of ``Windows.feed`` [N·m].
-        """
-        if (window, late) not in self._newer:
-            windows = self.windows
-            begins, t, feed = windows.row_t[window] + late, windows.t[window], windows.feed[:, window]
-            span = min(NEWEST_READ, 0.5 * float(np.median(np.diff(t))))
-            read = np.stack([held_rows(x, begins, t - 2.0 * span, span) for x in windows.ask_rows[:, window]])
-            below, share = (x[window] for x in windows.nearest)
-            steps = np.clip(late / windows.h, 1.0 - windows.before, windows.before - 1.0)
-            whole, part = int(np.floor(steps)), steps - np.floor(steps)
-
-            def had(step: np.ndarray) -> np.ndarray:  # see drive_kernel.late
-                at = windows.before + np.maximum(step, 0) - whole
-                now, last = (feed[:, np.clip(k, 0, feed.shape[1] - 1)] for k in (at, at - 1))
-                return now + part * (last - now)
-
-            of_steps = (1.0 - share)[:, None] * had(below - 1) + share[:, None] * had(below)
-            self._newer[window, late] = read - of_steps
-        return self._newer[window, late]
-
     def _currents(self, w: np.ndarray, field: Callable[..., np.ndarray]) -> np.ndarray:
         """Coil currents at the samples [A], shape (E, S, J): they follow from rows of commands and no physics step."""
         m, windows, at = self.model, self.windows, self.model.devices.joint
@@ -474,7 +408,7 @@ class _Stepper:
         found = np.zeros((len(w), windows.t.shape[1], len(m.joints)))
         for e in range(len(w)):
             if (known := changes[e].tobytes()) not in self._coils:
-                rows, begins, late = windows.coil_rows[w[e]][:, at], windows.row_t[w[e]], field("delay", 1)[e, 0]
+                rows, begins, late = windows.coil_rows[w[e]][:, at], windows.coil_t[w[e]], field("delay", 1)[e, 0]
                 t = windows.t[w[e]] - field("clock", 2)[e, 0]
                 self._coils[known] = _coil_current(
                     alive[e] * rows, begins + late, windows.start_coil[w[e]][at], t, lag[e]

@@ -55,9 +55,7 @@ class Windows:
     """Coil current that was commanded [A], at the steps of ``feed``, shape (W, K + 2*M, J); 0 where none was logged."""
     coil_rows: np.ndarray
     """Coil current that rows of the log command [A], from before the window to after it, shape (W, R, J)."""
-    ask_rows: np.ndarray
-    """Torque that these rows ask for, in the parts of ``feed``, shape (3, W, R, J)."""
-    row_t: np.ndarray
+    coil_t: np.ndarray
     """Time of these rows since the window's start [s], shape (W, R)."""
     start_coil: np.ndarray
     """Coil current at the start [A], shape (W, J)."""
@@ -112,10 +110,11 @@ class Windows:
 
     def some(self, own: np.ndarray) -> Windows:
         """Some of the windows, by index."""
-        common = {"h", "steps", "before", "feed", "ask_rows", "measured"}
+        common = {"h", "steps", "before", "feed", "measured"}
         each = {f.name: getattr(self, f.name)[own] for f in fields(self) if f.name not in common}
-        each |= {name: getattr(self, name)[:, own] for name in ("feed", "ask_rows")}
-        return replace(self, **each, measured={name: x[own] for name, x in self.measured.items()})
+        return replace(
+            self, **each, feed=self.feed[:, own], measured={name: x[own] for name, x in self.measured.items()}
+        )
 
     @cached_property
     def distinct(self) -> np.ndarray:
@@ -188,8 +187,8 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     rows: dict[str, list] = {
         name: []
         for name in (
-            "run", "start", "t", "feed", "coil", "coil_rows", "ask_rows", "row_t", "start_coil", "kp", "kd", "q", "qd",
-            "root", "memory", "loaded", "gravity", "gravity_read", "hidden",
+            "run", "start", "t", "feed", "coil", "coil_rows", "coil_t", "start_coil", "kp", "kd", "q", "qd", "root",
+            "memory", "loaded", "gravity", "gravity_read", "hidden",
         )
     }  # fmt: skip
     beyond = int(np.ceil(longest_delay / dt)) + 1
@@ -219,8 +218,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             rows["gravity_read"].append(gravity[s : s + count])
             near = np.clip(s + around, 0, run.samples - 1)
             rows["coil_rows"].append(coil[near])
-            rows["ask_rows"].append(np.stack([x[near] for x in feed]))
-            rows["row_t"].append(run.t[near] - run.t[s])
+            rows["coil_t"].append(run.t[near] - run.t[s])
             rows["start_coil"].append(flowing[s])
             rows["kd"].append(kd[s : s + count].mean(axis=0))
             rows["q"].append(run.joint["q"][s])
@@ -231,8 +229,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             for name, values in readings.items():
                 channels.setdefault(name, []).append(values[s : s + count])
     arrays = {name: np.array(values) for name, values in rows.items()}
-    for name in ("feed", "ask_rows"):
-        arrays[name] = np.ascontiguousarray(np.moveaxis(arrays[name], 1, 0))
+    arrays["feed"] = np.ascontiguousarray(np.moveaxis(arrays["feed"], 1, 0))
     measured = {name: np.array(values) for name, values in channels.items() if len(values) == len(rows["start"])}
     return Windows(h=h, steps=steps, before=before, measured=measured, **arrays)
 

@@ -3,7 +3,6 @@
 import contextlib
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -13,8 +12,8 @@ from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import unknowable
 from mrwarp.robot_logs.causes.parameter import Parameter
 from mrwarp.robot_logs.replay_model import replay_model
-from mrwarp.robot_logs.robot_log import RobotLog, load_log
-from mrwarp.robot_logs.selection import Found, Hypothesis
+from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.selection import Hypothesis
 from mrwarp.robot_logs.unknowable import (
     ARM_MOTIONS,
     MOTIONS,
@@ -23,14 +22,12 @@ from mrwarp.robot_logs.unknowable import (
     friction_that_holds,
     motions_of,
     next_experiment,
-    smallest_sizes,
 )
 from mrwarp.robot_logs.unknowable import GROUND as GROUND_CAUSES
 from mrwarp.robot_logs.virtual.motions import AIR
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.windows import foot_slipped
 from mrwarp.sysid.settings import Settings
-from tests.robot_logs.made_likelihood import made_likelihood, made_parameter
 
 
 @pytest.mark.parametrize("motions", [MOTIONS, ARM_MOTIONS])
@@ -58,26 +55,6 @@ def _gain(name: str, where: str, index: int, *, field: str = "kp") -> Parameter:
         fault=0.3,
         nominal=1.0,
     )
-
-
-def test_what_would_have_shown_is_named_at_every_place() -> None:
-    """Of two joints the log knows one three times as well: the stated size is named at both, half of it is not.
-
-    Windows scatter as noise does. A cause that no size of two faults would show is left out.
-    """
-    rng = np.random.default_rng(5)
-    size = {"spread": 0.02, "least": 0.03, "fault": 0.3, "lowest": -0.9, "nominal": 1.0}
-    p = [made_parameter(where=where, index=k, **size) for k, where in enumerate("ab")]
-    p.append(made_parameter(cause="kd", field="kd", **size))
-    a = np.tile(np.diag([40.0, 360.0, 0.02]), (64, 1, 1))
-    likelihood = made_likelihood(a, rng.normal(size=(64, 3)) * np.sqrt(np.diagonal(a, axis1=1, axis2=2)))
-    log = SimpleNamespace(kp=np.ones(2), runs=[])
-    found = smallest_sizes(likelihood, p, cast(RobotLog, log), [])
-    assert set(found) == {"kp"} and found["kp"].unit == "1" and 0.03 < found["kp"].value < 0.6
-    assert all(unknowable._named(likelihood, p, k, found["kp"].value) for k in range(2))
-    assert not unknowable._named(likelihood, p, 0, 0.5 * found["kp"].value)
-    named = Found(hypothesis=Hypothesis(cause="kp", where="a", members=(0,)), z=9.0, alternatives=())
-    assert not smallest_sizes(likelihood, p, cast(RobotLog, log), [named])
 
 
 @pytest.mark.parametrize("legged", [False, True])

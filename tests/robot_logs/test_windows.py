@@ -20,7 +20,7 @@ from mrwarp.robot_logs.virtual.true_robot import TrueRobot
 from mrwarp.robot_logs.window_replay import ParameterBatch, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import SPEED_STEPS, Windows, cut_windows, held_rows
 from mrwarp.sysid.settings import Settings
-from tests.robot_logs.arm_log import DT, arm_log
+from tests.robot_logs.arm_log import arm_log
 
 
 @pytest.fixture(scope="module")
@@ -214,44 +214,22 @@ def test_a_steady_pull_accelerates_the_robot_in_the_air(stood: RobotLog) -> None
     assert np.median(speeds[1] - speeds[0], axis=0) == pytest.approx([0.0, gained, 0.0], abs=0.1 * gained)
 
 
-@pytest.mark.parametrize("longer", [1, 5])
-@pytest.mark.parametrize("late", [0.0, 0.0065, -0.0003])
-def test_a_torque_is_read_at_its_row_at_any_step(tmp_path: Path, longer: int, late: float) -> None:
-    """By ``kp*(q_des - q) - kd*qd`` of the command before the row, to a rounding: no phase that a friction would have.
-
-    Half a step of 1 ms early, the torque would differ by 0.006 N·m·s/rad times the speed: Kp times 0.5 ms.
-    """
-    folder = arm_log(tmp_path, seconds=3.0)
-    log = load_log(folder)
-    model = replay_model(folder / "arm.xml", log)
-    (fine,) = cut_windows(model, log)
-    group = fine.coarse(longer)
-    known = replace(group, measured=group.measured | {"tau": np.zeros_like(group.measured["q"])})
-    found = rerun(model, known, ParameterBatch({"delay": np.full((group.count, 1), late)}))
-    for w in range(group.count):
-        run = log.runs[group.run[w]]
-        rows = group.start[w] + np.arange(group.t.shape[1]) - 1 - int(max(late, 0.0) / DT)
-        asked = log.kp * (run.joint["q_des"][rows] - found["q"][w]) - log.kd * found["qd"][w]
-        # the first row's is of the step after it
-        assert found["tau"][w, 1:] == pytest.approx(asked[1:], abs=1e-4)
-
-
-def test_when_in_its_row_a_torque_is_read_moves_it_as_the_held_command_does(tmp_path: Path) -> None:
-    """By ``-kp*qd - kd*qdd`` times that time, and no motion."""
-    folder = arm_log(tmp_path, seconds=3.0)
+def test_a_torque_was_read_before_the_row_s_command_acts(tmp_path: Path) -> None:
+    """Of a healthy arm whose targets step, replayed and logged torque agree at the very row of the step."""
+    folder = arm_log(tmp_path, seconds=4.0)
     log = load_log(folder)
     model = replay_model(folder / "arm.xml", log)
     (group,) = cut_windows(model, log)
+    count = group.count
     known = replace(group, measured=group.measured | {"tau": np.zeros_like(group.measured["q"])})
-    early = -0.001
-    at_row, before = (
-        rerun(model, known, ParameterBatch({"tau_time": np.full((group.count, 1), x)})) for x in (0.0, early)
-    )
-    speed = at_row["qd"][:, 1:]
-    assert np.abs(before["q"] - at_row["q"]).max() == 0.0
-    change = before["tau"][:, 1:] - at_row["tau"][:, 1:] + early * log.kp * speed
-    hardest = np.abs(np.diff(at_row["qd"], axis=1)).max() / group.h
-    assert np.abs(change).max() < 1.1 * abs(early) * log.kd.max() * hardest
+    found = rerun(model, known, ParameterBatch({}))
+    kp, kd = log.kp, log.kd
+    for w in range(count):
+        run, first = log.runs[group.run[w]], group.start[w]
+        rows = np.arange(first + 1, first + group.t.shape[1])
+        q_des = run.joint["q_des"][rows - 1]
+        asked = kp * (q_des - found["q"][w, 1:]) - kd * found["qd"][w, 1:]
+        assert np.abs(found["tau"][w, 1:] - asked).max() < 0.2
 
 
 def test_a_coil_answers_rows_between_steps_and_samples() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from mrwarp.robot_logs.causes.cause import NUISANCE, Cause, Shown
 from mrwarp.robot_logs.causes.places import Place
-from mrwarp.robot_logs.robot_log import reads_torque
 
 OWN_DELAY = 0.0005
 """Time after its row at which a command acts on any robot, half a cycle of a bus at 1 kHz, give or take as much [s]: it
@@ -75,17 +74,6 @@ CAUSES = (
         step=0.001,
         spread=0.0015,
         lowest=0.0,
-    ),
-    Cause(  # between two commands a held target's torque falls by kp*qd: when in a row it is read no log says
-        name=NUISANCE,
-        title="time of the torque reading",
-        field="tau_time",
-        place="commands",
-        there=lambda at: any(reads_torque(at.log, run) for run in at.log.runs),
-        number="time",
-        unit="s",
-        step=0.0005,
-        spread=lambda at: OWN_DELAY + 0.5 * at.row,
     ),
     Cause(
         name="clock_shift",

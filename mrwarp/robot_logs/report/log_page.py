@@ -29,7 +29,6 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walke
         "joints": [_errors(joint, e, lambda x: f"{1e3 * x:.2f}") for joint, e in d.per_joint.items()],
         "channels": [_errors(c, e, partial(_number, unit=UNITS.get(c, ""))) for c, e in d.per_channel.items()],
         "experiment": d.next_experiment,
-        "detectable": [(name.replace("_", " "), _shown(v)) for name, v in d.detectable.items()],
         "cannot_know": [_parted(x) for x in d.cannot_know],
         "session": [(joint, f"{1e3 * x:+.1f} mrad".replace("-", "−")) for joint, x in d.session.items()],
         "data": _data(d),
@@ -72,12 +71,6 @@ def _number(value: float, unit: str) -> str:
     size, unit = in_page_unit(value, unit)
     shown = f"{size:.4g}".replace("-", "−")
     return shown if unit in ("1", "") else f"{shown} {unit}"
-
-
-def _shown(v: Value) -> str:
-    """A smallest size; of a gain in percent."""
-    size, unit = in_page_unit(v.value, v.unit)
-    return percent(size, 2) if unit == "1" else f"{size:.2g} {unit}"
 
 
 def _interval(v: Value) -> str:
