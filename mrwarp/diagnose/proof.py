@@ -144,14 +144,10 @@ def without_unknown(models: Models, selection: Selection, final: Fit) -> tuple[S
     vanish with it makes up for what the smoother took.
     """
     final, expected = models.reported(final), expected_in(models.problem)
-    proof, gains = models.problem.settings.proof, selection.own_gain
+    proof = models.problem.settings.proof
     asked = [e for e in selection.named if e != expected and not KNOWN[e].inertial]
     unknown = {e: why for e in asked if (why := interval_rejection(e, final, proof, selection.refined))}
-    rejections = [
-        Rejection(effect=e, reason=why, gain=max(gains.get(e, 0.0), 0.0) / selection.base.total, fit=final)
-        for e, why in unknown.items()
-    ]
-    return _without(models, selection, list(unknown)), tuple(rejections)
+    return _without(models, selection, list(unknown)), _refused(selection, unknown, final)
 
 
 def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selection, tuple[Rejection, ...], HeldOut]:
@@ -177,10 +173,13 @@ def through_gate(models: Models, selection: Selection, seed: int) -> tuple[Selec
         gains=lambda effect, _: selection.own_gain.get(effect, selection.gain),
         most=problem.settings.gain.share,
     )
-    fit = models.reported(selection.final)
-    gains = {e: max(selection.own_gain.get(e, selection.gain), 0.0) / selection.base.total for e in refused}
-    rejections = tuple(Rejection(effect=e, reason=why, gain=gains[e], fit=fit) for e, why in refused.items())
-    return with_only(named), rejections, held
+    return with_only(named), _refused(selection, refused, models.reported(selection.final)), held
+
+
+def _refused(selection: Selection, reasons: Mapping[str, str], fit: Fit) -> tuple[Rejection, ...]:
+    """Effects that are taken out after the search, by their reasons, with their numbers in ``fit``."""
+    gains = {e: max(selection.own_gain.get(e, selection.gain), 0.0) / selection.base.total for e in reasons}
+    return tuple(Rejection(effect=e, reason=why, gain=gains[e], fit=fit) for e, why in reasons.items())
 
 
 def _without(models: Models, selection: Selection, effects: Sequence[str]) -> Selection:
